@@ -113,5 +113,5 @@ def test_what_no_bench_does_is_said_in_one_sentence_and_not_listed(monkeypatch):
     assert [what for what, *_ in bench_rows(evaluated)] == ["trigger"]
     impossible, excessive = excessive_deviations(evaluated)
     assert impossible.startswith("Part of what the model leaves")
-    assert "filter of the recorder (+5.7e+02 %)" in impossible
+    assert "filter of the recorder (+570 %)" in impossible
     assert excessive.startswith("trigger of run1: 800")

@@ -276,10 +276,10 @@ def test_an_answer_that_leaves_the_noise_says_nothing_of_it(diagnosis):
 def test_a_curve_that_is_not_smooth_is_not_offered_as_a_law(diagnosis, values, is_law):
     nodes = tuple(np.linspace(-0.3, 0.3, len(values)))
     place = LawPlace("mover_force", "piston_velocity")
-    curve = CurveCandidate(tabulated_class("curve", place, len(nodes)), None, place, 10.0, nodes)
+    curve = CurveCandidate(tabulated_class("curve", place, len(nodes)), None, place, 50.0, nodes)
     problem = with_candidates(calibration_problem(diagnosis.campaign), [curve])
     start = np.zeros(len(problem.unknowns))
-    start[-len(values) :] = np.array(values) / 10.0
+    start[-len(values) :] = curve.nearest(np.array(values) / 50.0)
     evaluated = fit_coarse(problem, start, 8, 0)
     nothing = next(of for of in diagnosis.posterior.sets if not of.members)
     with_curve = dataclasses.replace(nothing, members=(curve,), evaluated=evaluated, log_weight=0.0)

@@ -63,7 +63,6 @@ def test_a_cylinder_that_sticks_makes_signals_irregular():
     assert pump == {}
 
 
-@pytest.mark.xfail(strict=True, reason="the weights of sets do not count that a pitch is implausibly long")
 def test_of_two_effects_that_imitate_each_other_the_plausible_one_stays():
     """The spring has another law than that of the library, and a cogging force of long pitch fits as well."""
     case = draw(CaseKey("f", Split.TUNING, 821))

@@ -76,8 +76,8 @@ def test_rivals_get_the_exact_residual_and_the_grid_of_the_diagnosis(small):
     for suspect, candidate in zip(table.suspects, candidates, strict=True):
         np.testing.assert_array_equal(suspect.points, signature_grid(candidate.unknowns(campaign)))
     assert [s.points.shape[1] for s in table.suspects] == [3, 1]
-    # two parameters; gain, offset and shift of five sensors; trigger, orifice and coil of two runs
-    assert table.slopes.shape[1] == 2 + 15 + 6
+    # two parameters; gain, offset and shift of five sensors; trigger, orifice, coil and magnets of two runs
+    assert table.slopes.shape[1] == 2 + 15 + 8
     whole = np.concatenate([table.slopes, np.eye(table.slopes.shape[1])])
     for vector in (table.projected_residual, *table.projected(table.suspects[0])):
         assert np.abs(whole.T @ vector).max() < 1e-6 * np.linalg.norm(whole) * np.linalg.norm(vector)

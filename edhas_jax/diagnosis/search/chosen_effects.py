@@ -24,7 +24,7 @@ from edhas_jax.inference.fit.calibration import estimates_as_json, values_of_run
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.inference.fit.model_file import write_model_file
-from edhas_jax.inference.fit.settled_fit import settle
+from edhas_jax.inference.fit.settled_fit import settled_with_effects
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.campaign_reader import OF_RUNS
@@ -157,7 +157,8 @@ def with_effect(
     found = _free_to_vanish(baseline, effects, fading, trials[0] if trials else None, max_steps, before.resolution)
     if found is None:
         raise FitError(f"the model with {kind.id} fails (it is not finite) wherever the fit has looked")
-    return ChosenModel(effects, settle(found, before.resolution, report), before.resolution, fading, before)
+    settled = settled_with_effects(found, before.resolution, report)
+    return ChosenModel(effects, settled, before.resolution, fading, before)
 
 
 def _free_to_vanish(

@@ -23,7 +23,7 @@ from edhas_jax.inference.fit.calibrated_model import Report, calibrate
 from edhas_jax.inference.fit.calibration import campaign_residuals
 from edhas_jax.inference.fit.confounding import assumed_parameters
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
-from edhas_jax.inference.fit.settled_fit import settle, with_recorded_time, with_tightened_bench, without_wrong_samples
+from edhas_jax.inference.fit.settled_fit import settled_with_effects, with_tightened_bench, without_wrong_samples
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
@@ -124,8 +124,7 @@ def _diagnosed(inputs: _Inputs, holdout_sentence: str) -> Diagnosis:
     settled = posterior.best.evaluated
     if posterior.best.members:
         report("settling the best model")
-        settled = settle(with_tightened_bench(settled, resolution.coarse), resolution, report)
-        settled = with_recorded_time(settled, resolution, report)
+        settled = settled_with_effects(settled, resolution, report)
     laws, after = with_member_laws(settled, posterior.best.members, resolution, report)
     if posterior.best.members:
         after = without_wrong_samples(with_tightened_bench(after, resolution.coarse), resolution)

@@ -153,10 +153,10 @@ class Diagnosis:
 
     def errors(self) -> dict[str, dict[str, dict[str, float]]]:
         """Rms residual over noise: {before, calibrated, after} × {fit, holdout} × {overall, each signal}."""
-        return self._errors
+        return self._rms_by_state
 
     @functools.cached_property
-    def _errors(self) -> dict[str, dict[str, dict[str, float]]]:
+    def _rms_by_state(self) -> dict[str, dict[str, dict[str, float]]]:
         states = {"before": self.before, "calibrated": self.calibrated.residuals, "after": self.after.residuals}
         return {
             state: {use.value: rms_by_signal(self.campaign, rows, use) for use in Use} for state, rows in states.items()

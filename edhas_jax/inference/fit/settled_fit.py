@@ -70,6 +70,20 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
     return found
 
 
+def settled_with_effects(
+    evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
+) -> EvaluatedFit:
+    """The fit of a model with effects that began at the calibrated one: bench, solver and time as it needs them.
+
+    Args:
+        evaluated: a fit at the coarse time step.
+        resolution: coarse and fine time steps per sample.
+        report: called with a sentence on the progress.
+    """
+    settled = settle(with_tightened_bench(evaluated, resolution.coarse), resolution, report)
+    return with_recorded_time(settled, resolution, report)
+
+
 def with_recorded_time(
     evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
 ) -> EvaluatedFit:
