@@ -53,9 +53,9 @@ def recorded_with(clock, seed: int = 0) -> Campaign:
             for n, c in CHANNELS.items()
         }
         runs.append(dataclasses.replace(run, signals=signals))
-    settings = plan.accuracy.settings | {"force_constant": 0.0}  # the magnets are equally warm in all runs
-    accuracy = dataclasses.replace(plan.accuracy, settings=settings)
-    return dataclasses.replace(plan, runs=tuple(runs), is_checked=True, accuracy=accuracy)
+    settings = {**plan.stated_accuracy.settings, "force_constant": 0.0}  # the magnets are equally warm in all runs
+    accuracy = dataclasses.replace(plan.stated_accuracy, settings=settings)
+    return dataclasses.replace(plan, runs=tuple(runs), is_checked=True, stated_accuracy=accuracy)
 
 
 @pytest.fixture(scope="module")
