@@ -72,7 +72,7 @@ def main(arguments: list[str] | None = None) -> None:
     console.print(f"verdict: {found.verdict.value}")
     names = [candidate.id for candidate in found.named] + ["none"] * 3
     errors = force_errors(found.after)
-    print(f"first={names[0]} second={names[1]} third={names[2]} candidates={found.considered} "
+    print(f"first={names[0]} second={names[1]} third={names[2]} candidates={found.weighing.named} "
           f"mass_alone={force_errors(found.calibrated)[Use.HOLDOUT]:.2f} fitted={errors[Use.FIT]:.2f} "
           f"heldout={errors[Use.HOLDOUT]:.2f}")  # fmt: skip
 

@@ -1,7 +1,6 @@
 """The posterior over sets of effects: its linear algebra against dense matrices, and campaigns with known answers."""
 
 import dataclasses
-import types
 
 import numpy as np
 import pytest
@@ -12,7 +11,8 @@ from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
-from edhas_jax.diagnosis.search.set_search import FREEDOMS, LEAST_ERROR, FittedSet, Weighing, log_student
+from edhas_jax.diagnosis.search.set_search import FittedSet
+from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, log_student
 from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
@@ -103,7 +103,7 @@ def test_a_fit_without_misfit_has_no_background(model):
 
 def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
     assert log_student(1.0) - log_student(2.0) == pytest.approx(1.0, abs=0.1)
-    halved = 0.5 * FREEDOMS * np.log(2.0)
+    halved = 0.5 * WEIGHT.freedoms * np.log(2.0)
     assert log_student(1e5) - log_student(2e5) == pytest.approx(halved, rel=1e-3)
     assert log_student(1e6) - log_student(2e6) == pytest.approx(halved, rel=1e-3)
 
@@ -129,29 +129,27 @@ def test_the_empty_set_is_an_unknown_cause_where_it_leaves_much():
 
 def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
     """Where no set is at the noise, a fall counts by its share; where one is, by its nats."""
-    table = types.SimpleNamespace(candidates=(1,), free=(1,), background=np.zeros((1000, 0)))
-    weight = Weighing(table)
+    weight = Weighing(1, 1, 1000)
     far, farther = (FittedSet((), None, None, misfit, 100.0, misfit, 1000) for misfit in (4e5, 8e5))
     weight.note(far), weight.note(farther)
-    assert weight.of(far) - weight.of(farther) == pytest.approx(0.5 * FREEDOMS * np.log(2.0), rel=1e-2)
+    assert weight.of(far) - weight.of(farther) == pytest.approx(0.5 * WEIGHT.freedoms * np.log(2.0), rel=1e-2)
     at_noise = FittedSet((), None, None, 550.0, 60.0, 0.0, 1000)
-    weight = Weighing(table)
+    weight = Weighing(1, 1, 1000)
     weight.note(at_noise)
-    assert weight.of(at_noise) == pytest.approx(log_student(LEAST_ERROR))
-    assert weight.at(551.0, ()) - weight.of(at_noise) == pytest.approx(
-        -1.0 / (1.0 + 2.0 * LEAST_ERROR / FREEDOMS), rel=0.05
+    assert weight.of(at_noise) == pytest.approx(log_student(WEIGHT.least_error))
+    assert weight.at(551.0, 0, 0) - weight.of(at_noise) == pytest.approx(
+        -1.0 / (1.0 + 2.0 * WEIGHT.least_error / WEIGHT.freedoms), rel=0.05
     )
 
 
 def test_what_a_set_explains_decides_how_much_its_laws_may_leave():
     """Beside a cause that explains much, a fall of the misfit that is far below a hundredth of it counts little."""
-    table = types.SimpleNamespace(candidates=(1,), free=(1,), background=np.zeros((1000, 0)))
     gains = []
     for of_nothing in (2e3, 2e6):
-        weight = Weighing(table)
+        weight = Weighing(1, 1, 1000)
         weight.note(FittedSet((), None, None, of_nothing, 60.0, of_nothing, 1000))
         weight.note(dataclasses.replace(a_set(1.0, EddyDrag), misfit=550.0, numbers=60.0, excess=0.0))
-        gains.append(weight.at(550.0, ()) - weight.at(570.0, ()))
+        gains.append(weight.at(550.0, 0, 0) - weight.at(570.0, 0, 0))
     assert gains[0] > 5.0 and 0.0 < gains[1] < 0.1
 
 

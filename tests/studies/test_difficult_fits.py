@@ -1,7 +1,6 @@
 """Benchmark campaigns that are difficult to fit: a coarse time step is misleading, or χ² has many local minima."""
 
 import numpy as np
-import pytest
 
 from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout

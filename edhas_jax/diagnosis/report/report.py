@@ -85,7 +85,7 @@ def diagnosis_report(
         html_page.heading(f"{campaign.name}: diagnosis", 1),
         html_page.paragraph(
             f"{campaign.machine.name}; {runs_text(campaign.runs_for(Use.FIT))} fitted, "
-            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {diagnosis.considered} candidates; "
+            f"{len(campaign.runs_for(Use.HOLDOUT))} held out; {diagnosis.weighing.named} candidates; "
             f"{diagnosis.seconds:.0f} s."
         ),
         _verdict_box(diagnosis),

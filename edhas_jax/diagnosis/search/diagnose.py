@@ -18,6 +18,7 @@ from edhas_jax.diagnosis.search.posterior import SetPosterior
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.set_search import FittedSet, SetSearch
 from edhas_jax.diagnosis.search.signatures import signature_table
+from edhas_jax.diagnosis.search.weight import Weighing
 from edhas_jax.diagnosis.search.workers import Workers, own_classes
 from edhas_jax.inference.fit.calibrated_model import Report, calibrate
 from edhas_jax.inference.fit.calibration import campaign_residuals
@@ -47,10 +48,10 @@ class _Inputs:
 
 
 class _Found(NamedTuple):
-    """The posterior, the number of causes that were considered, and the time steps per sample."""
+    """The posterior with what weighs its sets, and the time steps per sample."""
 
     posterior: SetPosterior
-    considered: int
+    weighing: Weighing
     resolution: TimeResolution
 
 
@@ -109,7 +110,7 @@ def _search(inputs: _Inputs) -> _Found:
     candidates = candidates_for(campaign, fitted.machine, fitted.instruments, inputs.more, inputs.library)
     table = signature_table(calibrated.fit, candidates, report)
     search = SetSearch(calibrated, table, resolution, report, inputs.checkpoint, inputs.prefix, inputs.workers)
-    return _Found(SetPosterior(tuple(map(_without_columns, search.run(inputs.known)))), len(candidates), resolution)
+    return _Found(SetPosterior(tuple(map(_without_columns, search.run(inputs.known)))), search.weight, resolution)
 
 
 def _without_columns(of: FittedSet) -> FittedSet:
@@ -120,7 +121,7 @@ def _without_columns(of: FittedSet) -> FittedSet:
 def _diagnosed(inputs: _Inputs, holdout_sentence: str) -> Diagnosis:
     """The diagnosis of a campaign with the noise that it has."""
     report = inputs.report
-    posterior, considered, resolution = _search(inputs)
+    posterior, weighing, resolution = _search(inputs)
     settled = posterior.best.evaluated
     if posterior.best.members:
         report("settling the best model")
@@ -135,7 +136,7 @@ def _diagnosed(inputs: _Inputs, holdout_sentence: str) -> Diagnosis:
     report("what the error bars take for granted")
     assumed = tuple(assumed_parameters(after.fit, report))
     return Diagnosis(
-        campaign, posterior, considered, before, settled, after, laws, inputs.checkpoint.seconds, holdout_sentence,
+        campaign, posterior, weighing, before, settled, after, laws, inputs.checkpoint.seconds, holdout_sentence,
         assumed,
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ import numpy as np
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm, with_candidates
 from edhas_jax.diagnosis.candidates.law_deviation import LawDeviation, curve_columns, law_deviation, memory_columns
 from edhas_jax.diagnosis.search.linear_model import Floor, FlooredModel, LinearModel
-from edhas_jax.diagnosis.search.set_search import log_student
+from edhas_jax.diagnosis.search.weight import log_student
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, noise_level
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.measurements.time_resolution import TimeResolution

@@ -12,6 +12,7 @@ from edhas_jax.diagnosis.candidates.law_deviation import LawDeviation
 from edhas_jax.diagnosis.search.member_laws import MemberLaw
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
 from edhas_jax.diagnosis.search.set_search import FittedSet
+from edhas_jax.diagnosis.search.weight import Weighing
 from edhas_jax.inference.fit.calibrated_model import misfit_beyond_noise
 from edhas_jax.inference.fit.confounding import AssumedParameter
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
@@ -36,7 +37,7 @@ class Diagnosis:
     Args:
         campaign: the measurements.
         posterior: the fitted sets of causes with their probabilities.
-        considered: number of effects and sensor faults that could be missing.
+        weighing: what weighs the sets of effects.
         before: (measured − model)/noise by run and signal, of the model as it was given.
         by_library_laws: the model with the best set, everything fitted, all laws those of the library.
         after: the same with a curve beside each law that differs.
@@ -48,7 +49,7 @@ class Diagnosis:
 
     campaign: Campaign
     posterior: SetPosterior
-    considered: int
+    weighing: Weighing
     before: dict[str, dict[str, np.ndarray]]
     by_library_laws: EvaluatedFit
     after: EvaluatedFit

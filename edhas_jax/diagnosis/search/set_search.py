@@ -1,15 +1,7 @@
 """The search for the sets of effects that explain the measurements best, with a weight for each set.
 
-A set holds effects and sensor faults, and at most one free term for what no list has. Its weight is its prior times a
-Student distribution of its misfit X (`FlooredModel.misfit`) with α freedoms,
-
-    ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α)
-
-with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less a
-hundredth of what the best set explains, which the error of its laws may leave anywhere, and ten nats at least, which
-the error of any model of a bench may leave. Near the noise
-(X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio of misfits counts, because the error of a model is
-a few smooth functions, not one error for each sample: half the misfit is worth (α/2) ln 2.
+A set holds effects and sensor faults, and at most one free term for what no list has. It is weighed by its misfit, see
+`weight`.
 
 The search begins with the empty set. Each round predicts every addition to the best sets, and to the best one without
 one of its members (an exchange), from signatures; refits the most promising ones; and drops members of the best set in
@@ -18,8 +10,7 @@ turn. It ends where nothing is promising, or a round finds no better set: two ro
 A fit begins at the parameters of the set from which it comes. Where that leaves much, and the fit gains less than it
 promised, growing parts of the runs are fitted, because the cost of whole runs then has many minima.
 
-Source: Student distribution in place of a normal one for model error: Miller and Dunson, J. Am. Stat. Assoc. 114 (2019)
-1113 (coarsened posterior); average over sets: Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535.
+Source: average over sets: Madigan and Raftery, J. Am. Stat. Assoc. 89 (1994) 1535.
 """
 
 import collections
@@ -47,13 +38,13 @@ from edhas_jax.diagnosis.search.signatures import (
     SignatureTable,
     with_scaled_size,
 )
+from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, counts
 from edhas_jax.diagnosis.search.workers import Workers
 from edhas_jax.inference.fit.calibrated_model import PROGRESSIVE_EXCESS, Report
 from edhas_jax.inference.fit.evaluated_fit import (
     COST_TOLERANCE,
     EvaluatedFit,
     fit_coarse,
-    noise_level,
     start_coordinates,
     with_own_solver_error,
 )
@@ -63,17 +54,12 @@ from edhas_jax.inference.fit.local_minima import fit_progressively
 from edhas_jax.inference.likelihood.symmetric_matrices import inverse_factor
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-FREEDOMS = 30.0  # α: a misfit that a law leaves has about as many free numbers as two or three curves
-EXPECTED = 0.7  # named effects that a campaign hides on average, over all candidates together
-UNKNOWN_ODDS = 0.15  # odds that it hides one that no list has, over all places together
-LAW_ERROR = 0.01  # of what a set explains: 10 % of its amplitude
-LEAST_ERROR = 10.0  # nats: of a model with the right effects, because settings, sensors and clocks deviate in more ways
 MOST_EFFECTS = 3  # of a set, beside faults of sensors and at most one free term
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
 WORTH_A_FIT = 1.0  # nats of log weight that another start could gain at most, from which it is tried
 LAWS_TRIED = 3  # effects that are fitted in place of a free term at their part of the machine, as it may be their law
-PREDICTION_ERROR = 0.5 * FREEDOMS  # nats: a signature may predict e times the misfit that a fit leaves
+PREDICTION_ERROR = 0.5 * WEIGHT.freedoms  # nats: a signature may predict e times the misfit that a fit leaves
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
 FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of each part of one on growing parts
 CHECKED_STEPS, LEAST_FALL = 3, 0.01  # of these steps a fall by this share of the misfit: 0.15 nats of weight
@@ -215,56 +201,6 @@ class Scaled(NamedTuple):
         return self.fall(0.5 * half @ half) - 0.5 * log_information, factor @ half, wider
 
 
-class Weighing:
-    """The weights of sets, see the module.
-
-    Args:
-        table: the signatures of all causes, whose numbers set the prior odds of each.
-
-    Attributes:
-        noise: the most ½χ² that noise alone leaves [nats].
-    """
-
-    def __init__(self, table: SignatureTable):
-        self._log_named = math.log(EXPECTED / max(len(table.candidates), 1))
-        self._log_free = math.log(UNKNOWN_ODDS / max(len(table.free), 1))
-        self._least_numbers = self._least_misfit = self._of_nothing = math.inf
-        self.noise = noise_level(len(table.background))
-
-    def note(self, of: FittedSet) -> None:
-        """Take account of a fitted set."""
-        self._least_numbers = min(self._least_numbers, of.numbers)
-        self._least_misfit = min(self._least_misfit, of.misfit)
-        if not of.members:
-            self._of_nothing = min(self._of_nothing, of.misfit)
-
-    @property
-    def _least(self) -> float:
-        """X₀ of the module."""
-        least = min(self.noise + self._least_numbers, self._least_misfit)
-        return least - max(LAW_ERROR * (self._of_nothing - least), LEAST_ERROR)
-
-    def of(self, fitted: FittedSet) -> float:
-        """The logarithm of the weight of a fitted set [nats]."""
-        return self.at(fitted.misfit, fitted.members)
-
-    def at(self, misfit: float, members: Sequence[Candidate]) -> float:
-        """The same of a set with this misfit."""
-        return log_student(misfit - self._least) + self._log_prior(members)
-
-    def predicted(self, move: Move) -> float:
-        """The logarithm of the weight of the set to which a move leads."""
-        return self.at(move.to.misfit - move.fall, (*move.to.members, move.added))
-
-    def _log_prior(self, members: Sequence[Candidate]) -> float:
-        return sum(self._log_free if isinstance(c, FreeTerm) else self._log_named for c in members)
-
-
-def log_student(misfit: float) -> float:
-    """The logarithm of the weight of a misfit [nats]; see the module."""
-    return -misfit if misfit < 0.0 else -0.5 * FREEDOMS * math.log1p(2.0 * misfit / FREEDOMS)
-
-
 class SetSearch:
     """The search over sets of causes.
 
@@ -285,7 +221,7 @@ class SetSearch:
         self._checkpoint, self._prefix, self._workers = checkpoint or Checkpoint(), prefix, workers
         self._times: collections.Counter[frozenset[str]] = collections.Counter()  # how often each set was fitted
         self._base, self._table, self._resolution, self._report = calibrated, table, resolution, report
-        self.weight = Weighing(table)
+        self.weight = Weighing(len(table.candidates), len(table.free), len(table.background))
         self.sets: dict[frozenset[str], FittedSet] = {}
         self._failed: set[frozenset[str]] = set()
         self._at_their_ends: list[Fit] = []  # fits that do not go on
@@ -355,11 +291,11 @@ class SetSearch:
                 of.moves = self._predicted_moves(of)
         known, found = set(self.sets) | self._failed, {}
         every = (move for of in self.sets.values() for move in of.moves or ())
-        ranked = sorted(filter(self._is_allowed, every), key=lambda move: -self.weight.predicted(move))
+        ranked = sorted(filter(self._is_allowed, every), key=lambda move: -self._predicted(move))
         for move in ranked:
             # a further effect has to promise something; another first one, or an exchange, only to come near
             least = self.weight.of(best) - (0.0 if move.to is best and best.members else WINDOW)
-            if self.weight.predicted(move) > least and move.key not in known:
+            if self._predicted(move) > least and move.key not in known:
                 found.setdefault(move.key, move)
         curves = [move for move in found.values() if isinstance(move.added, FreeTerm)]
         chosen = [m for m in found.values() if not isinstance(m.added, FreeTerm) or m is curves[0]][:REFITTED]
@@ -402,7 +338,7 @@ class SetSearch:
         for gone in best.members if len(best.members) > 1 else ():
             members = tuple(c for c in best.members if c is not gone)
             known, pair = self.sets.get(key_of(members)), (best.key, gone.name)
-            is_far = known is not None and self.weight.of(known) < self.weight.of(best) - FREEDOMS
+            is_far = known is not None and self.weight.of(known) < self.weight.of(best) - WEIGHT.freedoms
             if not is_far and pair not in self._left_out and key_of(members) not in self._failed:
                 self._left_out.add(pair)
                 found.append(members)
@@ -473,7 +409,7 @@ class SetSearch:
 
     def _may_gain(self, of: FittedSet) -> bool:
         """Whether the weight of a set would be clearly larger if a fit left no more than noise."""
-        return self.weight.at(of.misfit - of.excess, of.members) > self.weight.of(of) + WORTH_A_FIT
+        return self.weight.at(of.misfit - of.excess, *counts(of.members)) > self.weight.of(of) + WORTH_A_FIT
 
     def _go_on(self) -> None:
         """Fit the best set on from where its fit has ended before it had converged, as long as that lowers ½χ²."""
@@ -519,11 +455,15 @@ class SetSearch:
             self._checkpoint.keep(stages[k], tried, {} if found is None else {"x": found.evaluated.fit.x})
             yield job, found
 
+    def _predicted(self, move: Move) -> float:
+        """The log weight [nats] that is predicted of the set to which a move leads."""
+        return self.weight.at(move.to.misfit - move.fall, *counts((*move.to.members, move.added)))
+
     def _is_promising(self, move: Move) -> bool:
         best = self.ranked()[0]
         if best.excess > 0.0 or self._may_be_law(move, best):
             return True
-        return self.weight.predicted(move) > self.weight.of(best) - PREDICTION_ERROR
+        return self._predicted(move) > self.weight.of(best) - PREDICTION_ERROR
 
     def _stage(self, job: Job) -> str:
         """The name of a fit in the checkpoint, from the names of the members and how often they were fitted before."""
@@ -588,7 +528,7 @@ class SetSearch:
         """Whether the set would compete with the best one if its fit kept what its move has promised."""
         if job.move is None:
             return True
-        return self.weight.predicted(job.move) > self.weight.of(self.ranked()[0]) - WINDOW
+        return self._predicted(job.move) > self.weight.of(self.ranked()[0]) - WINDOW
 
     def _fitted(
         self, members: tuple[Candidate, ...], start: Start, steps: int = FIT_STEPS, known: FittedSet | None = None

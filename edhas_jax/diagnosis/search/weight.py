@@ -1,0 +1,109 @@
+"""The weight of a set of effects, from its misfit.
+
+The weight of a set is its prior times a Student distribution of its misfit X (`FlooredModel.misfit`) with α freedoms,
+
+    ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α)
+
+with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less a share
+of what the best set explains, which the error of its laws may leave anywhere, and a few nats at least, which the error
+of any model of a bench may leave. Near the noise (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio
+of misfits counts, because the error of a model is a few smooth functions, not one error for each sample: half the
+misfit is worth (α/2) ln 2.
+
+Source: Student distribution in place of a normal one for model error: Miller and Dunson, J. Am. Stat. Assoc. 114 (2019)
+1113 (coarsened posterior).
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm
+from edhas_jax.inference.fit.evaluated_fit import noise_level
+
+
+@dataclasses.dataclass(frozen=True)
+class WeightConstants:
+    """The five numbers of the weight.
+
+    Args:
+        freedoms: α: a misfit that a law leaves has about as many free numbers as two or three curves.
+        expected: named effects that a campaign hides on average, over all candidates together.
+        unknown_odds: odds that it hides one that no list has, over all places together.
+        law_error: share of what a set explains: 10 % of its amplitude.
+        least_error: error of a model with the right effects [nats], because settings, sensors and clocks deviate in
+            more ways.
+    """
+
+    freedoms: float = 30.0
+    expected: float = 0.7
+    unknown_odds: float = 0.15
+    law_error: float = 0.01
+    least_error: float = 10.0
+
+
+WEIGHT = WeightConstants()
+"""The numbers that a diagnosis uses."""
+
+
+class Weighable(Protocol):
+    """A fitted set: its members, its misfit and what its numbers cost [nats], see `FlooredModel`."""
+
+    members: Sequence[Candidate]
+    misfit: float
+    numbers: float
+
+
+class Weighing:
+    """The weights of the sets of one campaign.
+
+    Args:
+        named: number of effects and sensor faults that could be missing.
+        free: number of free terms.
+        samples: number of whitened samples of the fitted runs.
+        constants: the numbers of the weight.
+
+    Attributes:
+        noise: the most ½χ² that noise alone leaves [nats].
+    """
+
+    def __init__(self, named: int, free: int, samples: int, constants: WeightConstants = WEIGHT):
+        self.named, self.free, self.samples, self.constants = named, free, samples, constants
+        self._log_named = math.log(constants.expected / max(named, 1))
+        self._log_free = math.log(constants.unknown_odds / max(free, 1))
+        self._least_numbers = self._least_misfit = self._of_nothing = math.inf
+        self.noise = noise_level(samples)
+
+    def note(self, of: Weighable) -> None:
+        """Take account of a fitted set."""
+        self._least_numbers = min(self._least_numbers, of.numbers)
+        self._least_misfit = min(self._least_misfit, of.misfit)
+        if not of.members:
+            self._of_nothing = min(self._of_nothing, of.misfit)
+
+    @property
+    def _least(self) -> float:
+        """X₀ of the module."""
+        least = min(self.noise + self._least_numbers, self._least_misfit)
+        return least - max(self.constants.law_error * (self._of_nothing - least), self.constants.least_error)
+
+    def of(self, fitted: Weighable) -> float:
+        """The logarithm of the weight of a fitted set [nats]."""
+        return self.at(fitted.misfit, *counts(fitted.members))
+
+    def at(self, misfit: float, named: int, free: int) -> float:
+        """The same of a set with this misfit [nats] and so many named members and free terms."""
+        log_prior = named * self._log_named + free * self._log_free
+        return log_student(misfit - self._least, self.constants.freedoms) + log_prior
+
+
+def counts(members: Sequence[Candidate]) -> tuple[int, int]:
+    """The numbers of named members and of free terms."""
+    free = sum(isinstance(c, FreeTerm) for c in members)
+    return len(members) - free, free
+
+
+def log_student(misfit: float, freedoms: float = WEIGHT.freedoms) -> float:
+    """The logarithm of the weight of a misfit [nats]; see the module."""
+    return -misfit if misfit < 0.0 else -0.5 * freedoms * math.log1p(2.0 * misfit / freedoms)
