@@ -158,8 +158,8 @@ def test_a_damaged_stage_is_computed_again(campaign_folder, before_the_pictures,
 
 def test_the_result_is_written_before_anything_optional(before_the_pictures):
     assert {p.name for p in before_the_pictures.iterdir()} == {
-        "config.yaml", "config_calibrated.json", "config_calibrated.yaml", "diagnosis.json", "files.json", "report.html",
-        "summary.json", "unfinished",
+        "config.yaml", "config_calibrated.json", "config_calibrated.yaml", "diagnosis.json", "files.json",
+        "report.html", "summary.json", "unfinished",
     }  # fmt: skip
     assert result(before_the_pictures)["effects"] == ["inverter_dead_time"]
     assert "inverter_dead_time" in (before_the_pictures / "report.html").read_text()
