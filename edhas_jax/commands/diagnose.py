@@ -56,7 +56,7 @@ def run(options) -> None:
 
 def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
     """Search, write the result into the folder of `files`, and print it; the exit status."""
-    from edhas_jax.config.run_folder import ResultFileError, report_write_errors
+    from edhas_jax.config.result_files import ResultFileError, report_write_errors
     from edhas_jax.tasks.diagnose import diagnose
 
     folder = files.folder

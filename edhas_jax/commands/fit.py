@@ -45,7 +45,7 @@ def run(options) -> int:
         CampaignError: the choices are wrong, a profile is asked of a parameter that is not free, or the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors
+    from edhas_jax.config.result_files import report_write_errors
     from edhas_jax.inference.fit.calibration import save_calibration
     from edhas_jax.inference.fit.fit_choices_reader import read_choices
     from edhas_jax.measurements.campaign_reader import read_campaign

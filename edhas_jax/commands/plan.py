@@ -23,7 +23,7 @@ def run(options) -> None:
     Raises:
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors
+    from edhas_jax.config.result_files import report_write_errors
     from edhas_jax.core.units import to_si
     from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
