@@ -25,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from edhas_jax.core import structs  # noqa: E402
 from edhas_jax.machine.effects import InverterDeadTime  # noqa: E402
-from edhas_jax.measurements.campaign_writer import write_campaign  # noqa: E402
 from edhas_jax.measurements.instruments import Instruments  # noqa: E402
 from edhas_jax.measurements.sensor_models import SensorGain  # noqa: E402
+from studies.campaign_writer import write_campaign  # noqa: E402
 from tests.support.synthetic_campaign import bench, empty_campaign, measured  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]

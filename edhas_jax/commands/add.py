@@ -2,16 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import (
-    add_campaign_folder,
-    add_output_folder,
-    add_output_options,
-    add_own_code,
-    output_folder,
-    own_code,
-    own_words,
-    require_own_code,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish, quoted
 from edhas_jax.commands.progress import WorkProgress
 
@@ -21,14 +12,14 @@ def add_parser(commands) -> None:
     parser = commands.add_parser(
         "add", help="add effects to a campaign's machine, and fit it: the campaign and the model with them"
     )
-    add_campaign_folder(parser)
+    arguments.add_campaign_folder(parser)
     parser.add_argument(
         "effect", nargs="+", metavar="EFFECT",
         help="id of an effect, FILE.py:Class, or the folder of a diagnosis for the effects that it names",
     )  # fmt: skip
-    add_output_folder(parser, "added")
-    add_own_code(parser, effects=False)
-    add_output_options(parser)
+    arguments.add_output_folder(parser, "added")
+    arguments.add_own_code(parser, effects=False)
+    arguments.add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -43,17 +34,17 @@ def run(options) -> None:
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.tasks.add import AddResult, add
 
-    campaign = read_campaign(options.campaign, own_code(options))
-    require_own_code(options, campaign.machine)
+    campaign = read_campaign(options.campaign, arguments.own_code(options))
+    arguments.require_own_code(options, campaign.machine)
     specs = [spec for given in options.effect for spec in _named(given)]
     effects = [load_effect(spec, trust=[spec]) for spec in specs]
-    folder = output_folder(options, "added", f"{campaign.name}_{'+'.join(effect.id for effect in effects)}")
+    folder = arguments.output_folder(options, "added", f"{campaign.name}_{'+'.join(effect.id for effect in effects)}")
     AddResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options, "checking the data") as progress:
         result = add(campaign, effects, on_progress=progress)
     result.save(folder, options.overwrite)
-    finish(options, out, result.summary(), folder, f"diagnose {quoted(folder)}{own_words(options)}")
+    finish(options, out, result.summary(), folder, f"diagnose {quoted(folder)}{arguments.own_words(options)}")
 
 
 def _named(given: str) -> list[str]:

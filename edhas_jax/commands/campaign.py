@@ -2,14 +2,7 @@
 
 import time
 
-from edhas_jax.commands.arguments import (
-    add_campaign_folder,
-    add_output_options,
-    add_own_code,
-    own_code,
-    own_words,
-    require_own_code,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish, quoted
 from edhas_jax.commands.progress import WorkProgress
 
@@ -22,13 +15,13 @@ def add_parser(commands) -> None:
         "campaign", help="measurements of a bench: begin a campaign, check its files"
     ).add_subparsers(title="what to do", required=True, metavar="ACTION")
     check = actions.add_parser("check", help="read everything, list what looks wrong; status 1 if anything does")
-    add_campaign_folder(check)
-    add_own_code(check, effects=False)
-    add_output_options(check)
+    arguments.add_campaign_folder(check)
+    arguments.add_own_code(check, effects=False)
+    arguments.add_output_options(check)
     check.set_defaults(command=run_check)
     new = actions.add_parser("new", help="write a commented template that passes the check")
-    add_campaign_folder(new, "folder to write")
-    add_output_options(new, table=False)
+    arguments.add_campaign_folder(new, "folder to write")
+    arguments.add_output_options(new, table=False)
     new.set_defaults(command=run_new)
 
 
@@ -41,8 +34,8 @@ def run_check(options) -> int:
     from edhas_jax.measurements.checks.noise_measurement import noise_sentence
 
     out = console(options)
-    campaign = read_campaign(options.campaign, own_code(options))
-    require_own_code(options, campaign.machine)
+    campaign = read_campaign(options.campaign, arguments.own_code(options))
+    arguments.require_own_code(options, campaign.machine)
     began = time.perf_counter()
     with WorkProgress(options, "checking, and comparing with the model") as progress:
         checked = checked_campaign(campaign, progress.share)
@@ -65,7 +58,7 @@ def run_check(options) -> int:
     listed = SummaryTable.of("remarks", ("severity", "file", "line", "what"), rows, records)
     title = f"{campaign.name}: {campaign.machine.name}, {counted}; {seconds:.1f} s"
     summary = Summary(title, (*([] if noise is None else [noise]), *([listed] if rows else []), verdict))
-    finish(options, out, summary, next_command=f"compare {quoted(options.campaign)}{own_words(options)}")
+    finish(options, out, summary, next_command=f"compare {quoted(options.campaign)}{arguments.own_words(options)}")
     return STATUS_REMARKS if errors + warnings else 0
 
 

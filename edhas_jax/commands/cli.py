@@ -21,6 +21,11 @@ from edhas_jax.core.literal_text import terminal_text
 
 STATUS_USER_ERROR = 2
 MAX_QUOTED = 200  # characters of a name in a message
+# in the order of the help
+COMMANDS = (
+    "new", "examples", "simulate", "sweep", "plot", "sensitivity", "size", "campaign", "compare", "fit", "diagnose",
+    "add", "plan", "export", "workbench", "check", "parameters", "effects", "schema", "device", "trust", "completion",
+)  # fmt: skip
 EPILOG = (
     "A first run: edhas new pump, then edhas simulate my_pump.yaml. Exit status: 0 done; 1 a check found something; "
     "2 wrong input; 3 the result is not valid; 4 a fit has not converged; 130 interrupted."
@@ -138,37 +143,9 @@ def _import_matplotlib_elsewhere() -> None:
         os.chdir(here)
 
 
-def command_modules() -> tuple[ModuleType, ...]:
+def command_modules() -> list[ModuleType]:
     """The modules of all commands, in the order of the help."""
-    from edhas_jax.commands import (
-        add,
-        campaign,
-        check,
-        compare,
-        completion,
-        device,
-        diagnose,
-        effects,
-        examples,
-        export,
-        fit,
-        new,
-        parameters,
-        plan,
-        plot,
-        schema,
-        sensitivity,
-        simulate,
-        size,
-        sweep,
-        trust,
-        workbench,
-    )
-
-    return (
-        new, examples, simulate, sweep, plot, sensitivity, size, campaign, compare, fit, diagnose, add, plan, export,
-        workbench, check, parameters, effects, schema, device, trust, completion,
-    )  # fmt: skip
+    return [importlib.import_module(f"edhas_jax.commands.{name}") for name in COMMANDS]
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -2,16 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import (
-    add_campaign_folder,
-    add_output_folder,
-    add_output_options,
-    add_own_code,
-    output_folder,
-    own_code,
-    own_words,
-    require_own_code,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
 from edhas_jax.commands.progress import WorkProgress
 
@@ -19,15 +10,15 @@ from edhas_jax.commands.progress import WorkProgress
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("compare", help="the model beside the measurements, and where it fails")
-    add_campaign_folder(parser)
+    arguments.add_campaign_folder(parser)
     parser.add_argument("--model", type=Path, help="configuration of the model (default: the campaign's own)")
     parser.add_argument(
         "--replay", choices=("set_point", "voltage", "current", "piston_position"), default="set_point",
         help="drive the model with this measured signal, so that what lies behind it is judged alone",
     )  # fmt: skip
-    add_output_folder(parser, "comparisons")
-    add_own_code(parser)
-    add_output_options(parser)
+    arguments.add_output_folder(parser, "comparisons")
+    arguments.add_own_code(parser)
+    arguments.add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -38,21 +29,20 @@ def run(options) -> None:
     from edhas_jax.measurements.replay import Replay
     from edhas_jax.tasks.compare import ComparisonResult, compare
 
-    campaign = read_campaign(options.campaign, own_code(options))
-    machine = None
-    if options.model is not None:
-        machine = read_config(options.model, trust=own_code(options)).machine
-    require_own_code(options, campaign.machine, *([] if machine is None else [machine]))
-    folder = output_folder(options, "comparisons", campaign.name)
+    trust = arguments.own_code(options)
+    campaign = read_campaign(options.campaign, trust)
+    models = [read_config(options.model, trust=trust).machine] if options.model else []
+    arguments.require_own_code(options, campaign.machine, *models)
+    folder = arguments.output_folder(options, "comparisons", campaign.name)
     ComparisonResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options) as progress:
         replay = Replay(options.replay)
-        result = compare(campaign, options.model, replay=replay, trust=own_code(options), on_progress=progress)
+        result = compare(campaign, options.model, replay=replay, trust=trust, on_progress=progress)
         progress("looking for patterns")
         patterns = result.patterns
         progress("drawing")
         result.save(folder, options.overwrite)
     print_data_check(out, result.campaign, result.remarks)
     follow = "diagnose" if patterns else "fit"
-    finish(options, out, result.summary(), folder, f"{follow} {quoted(options.campaign)}{own_words(options)}")
+    finish(options, out, result.summary(), folder, f"{follow} {quoted(options.campaign)}{arguments.own_words(options)}")

@@ -22,11 +22,11 @@ def console(options=None):
     return PlainConsole(quiet=silent, **({} if sys.stdout.isatty() else {"width": PIPE_WIDTH}))
 
 
-def headed(head: str, text: str, style: str = "bold"):
-    """A text for the console that begins with words in bold, or in another style."""
+def headed(head: str, text: str):
+    """A text for the console that begins with words in bold."""
     from rich.text import Text
 
-    return Text.assemble((terminal_text(head), style), terminal_text(text))
+    return Text.assemble((terminal_text(head), "bold"), terminal_text(text))
 
 
 def styled(text: str, style: str):

@@ -3,18 +3,7 @@
 import re
 from pathlib import Path
 
-from edhas_jax.commands.arguments import (
-    add_campaign_folder,
-    add_cluster,
-    add_output_folder,
-    add_output_options,
-    add_own_code,
-    add_user_effects,
-    output_folder,
-    own_code,
-    own_words,
-    require_own_code,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
 from edhas_jax.commands.progress import WorkProgress
 
@@ -24,12 +13,12 @@ DEFAULT_PARENT = Path("diagnoses")
 def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("diagnose", help="what is missing in the model of a campaign's machine")
-    add_campaign_folder(parser)
-    add_output_folder(parser, "diagnoses")
-    add_user_effects(parser, "FILE.py:CLASS", "also consider an effect of your own; may be given several times")
-    add_cluster(parser, "hand fits to Dask")
-    add_own_code(parser, effects=False)
-    add_output_options(parser)
+    arguments.add_campaign_folder(parser)
+    arguments.add_output_folder(parser, "diagnoses")
+    arguments.add_user_effects(parser, "FILE.py:CLASS", "also consider this effect of your own; may be given again")
+    arguments.add_cluster(parser, "hand fits to Dask")
+    arguments.add_own_code(parser, effects=False)
+    arguments.add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -49,8 +38,8 @@ def run(options) -> None:
     from edhas_jax.tasks.diagnose import DiagnosisResult
     from edhas_jax.tasks.result import SUMMARY_FILE
 
-    campaign = read_campaign(options.campaign, own_code(options))
-    require_own_code(options, campaign.machine)
+    campaign = read_campaign(options.campaign, arguments.own_code(options))
+    arguments.require_own_code(options, campaign.machine)
     with WorkProgress(options, "checking the data"):
         campaign = checked_campaign(campaign)
     user_effects = [load_effect(spec, trust=[spec]) for spec in options.effects]
@@ -67,7 +56,7 @@ def run(options) -> None:
 
 def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
     """Search, write the result into the folder of `files`, and print it; the exit status."""
-    from edhas_jax.config.run_folder import ResultFileError, report_write_errors
+    from edhas_jax.config.result_files import ResultFileError, report_write_errors
     from edhas_jax.tasks.diagnose import diagnose
 
     folder = files.folder
@@ -94,7 +83,8 @@ def _diagnose(options, out, campaign, user_effects, files, checkpoint) -> int:
                 raise
             raise ResultFileError(f"{error}; {kept.format(checkpoint.kept, folder)}") from None
     summary = result.summary_with(experiment, failures)
-    finish(options, out, summary, folder, _next_command(result, options.campaign, folder) + own_words(options))
+    follow = _next_command(result, options.campaign, folder) + arguments.own_words(options)
+    finish(options, out, summary, folder, follow)
 
 
 def _next_command(result, campaign: Path, folder: Path) -> str:
@@ -121,7 +111,7 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
     if options.out:
         folder, places = options.out, [options.out]
     else:
-        folder = output_folder(options, str(DEFAULT_PARENT), name)
+        folder = arguments.output_folder(options, str(DEFAULT_PARENT), name)
         places = sorted(p for p in DEFAULT_PARENT.glob("*") if _without_number(p.name) == _without_number(folder.name))
     sentences, unfinished = [], {p: stored_identity(p / CHECKPOINT_FOLDER) for p in places}
     for place, stored in unfinished.items():

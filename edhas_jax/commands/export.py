@@ -4,14 +4,7 @@ import os
 from collections import Counter
 from pathlib import Path
 
-from edhas_jax.commands.arguments import (
-    add_output_file,
-    add_output_options,
-    add_overrides,
-    add_own_code,
-    own_code,
-    require_own_code,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish
 from edhas_jax.commands.progress import WorkProgress
 
@@ -20,20 +13,20 @@ def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("export", help="the machine as an FMU for Simulink, OpenModelica, Amesim, FMPy")
     parser.add_argument("config", type=Path, help="configuration, YAML")
-    add_output_file(parser, "file to write (default: NAME.fmu)")
+    arguments.add_output_file(parser, "file to write (default: NAME.fmu)")
     parser.add_argument(
         "--input", dest="inputs", action="append", default=[], metavar="NAME",
         help="a parameter that may change during the run, or reference, voltage, target, spool to come from outside; "
              "may be given several times",
     )  # fmt: skip
-    add_overrides(parser, "step=10us")
-    add_own_code(parser)
+    arguments.add_overrides(parser, "step=10us")
+    arguments.add_own_code(parser)
     parser.add_argument(
         "--compiler", dest="compilers", action="append", default=[], metavar="COMMAND",
         help="C compiler (default: $CC or cc); several, cross compilers among them, add a binary each",
     )  # fmt: skip
     parser.add_argument("--sources-only", action="store_true", help="compile nothing; the target does it")
-    add_output_options(parser)
+    arguments.add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -44,8 +37,8 @@ def run(options) -> None:
     from edhas_jax.export.fmu import export_fmu
 
     compilers = [] if options.sources_only else options.compilers or [os.environ.get("CC") or "cc"]
-    config = read_config(options.config, options.overrides, own_code(options))
-    require_own_code(options, config.machine)
+    config = read_config(options.config, options.overrides, arguments.own_code(options))
+    arguments.require_own_code(options, config.machine)
     path = options.out or Path(f"{options.config.stem}.fmu")
     out = console(options)
     with WorkProgress(options) as progress:

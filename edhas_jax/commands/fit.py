@@ -3,17 +3,7 @@
 import dataclasses
 from pathlib import Path
 
-from edhas_jax.commands.arguments import (
-    add_campaign_folder,
-    add_output_folder,
-    add_output_options,
-    add_own_code,
-    output_folder,
-    own_code,
-    own_words,
-    require_own_code,
-    whole_number,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish, print_data_check, quoted
 from edhas_jax.commands.progress import WorkProgress
 
@@ -27,9 +17,10 @@ def add_parser(commands) -> None:
         epilog=f"The exit status is {STATUS_NOT_CONVERGED} if the fit has not converged. Ctrl-C ends the search and "
         "keeps the best values so far.",
     )  # fmt: skip
-    add_campaign_folder(parser)
-    add_output_folder(parser, "fits")
-    parser.add_argument("--starts", type=whole_number(1, 100), default=4, help="points to start from (default: 4)")
+    arguments.add_campaign_folder(parser)
+    arguments.add_output_folder(parser, "fits")
+    whole = arguments.whole_number(1, 100)
+    parser.add_argument("--starts", type=whole, default=4, help="points to start from (default: 4)")
     parser.add_argument(
         "--profile", action="append", default=[], metavar="NAME",
         help="also the likelihood along this parameter, all others fitted anew; may be given several times",
@@ -39,8 +30,8 @@ def add_parser(commands) -> None:
         help="free and fixed parameters, limits, priors, runs, signals and time windows, where they differ from the "
         "campaign",
     )  # fmt: skip
-    add_own_code(parser, effects=False)
-    add_output_options(parser)
+    arguments.add_own_code(parser, effects=False)
+    arguments.add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -54,19 +45,19 @@ def run(options) -> int:
         CampaignError: the choices are wrong, a profile is asked of a parameter that is not free, or the fit fails.
         ResultFileError: the folder exists or cannot be written.
     """
-    from edhas_jax.config.run_folder import report_write_errors
+    from edhas_jax.config.result_files import report_write_errors
     from edhas_jax.inference.fit.calibration import save_calibration
     from edhas_jax.inference.fit.fit_choices_reader import read_choices
     from edhas_jax.measurements.campaign_reader import read_campaign
     from edhas_jax.measurements.checks.campaign_checks import checked_campaign
     from edhas_jax.tasks.fit import FitResult, fit, require_uncertain
 
-    campaign = read_campaign(options.campaign, own_code(options))
-    require_own_code(options, campaign.machine)
+    campaign = read_campaign(options.campaign, arguments.own_code(options))
+    arguments.require_own_code(options, campaign.machine)
     out = console(options)
     with WorkProgress(options, "checking the data"):
         campaign = checked_campaign(campaign)
-    folder = output_folder(options, "fits", campaign.name)
+    folder = arguments.output_folder(options, "fits", campaign.name)
     files = FitResult.reserve(folder, options.overwrite)
     choices = read_choices(options.choices, campaign)
     require_uncertain(options.profile, [u.name for u in choices.unknowns(choices.applied(campaign))])
@@ -90,5 +81,5 @@ def run(options) -> int:
             files.finish()
     for sentence in (f for f in failures if f not in result.failures):
         out.print(sentence, soft_wrap=True)
-    finish(options, out, result.summary(), folder, f"diagnose {quoted(options.campaign)}{own_words(options)}")
+    finish(options, out, result.summary(), folder, f"diagnose {quoted(options.campaign)}{arguments.own_words(options)}")
     return 0 if result.fit.converged else STATUS_NOT_CONVERGED

@@ -3,15 +3,7 @@
 import time
 from pathlib import Path
 
-from edhas_jax.commands.arguments import (
-    add_output_folder,
-    add_output_options,
-    add_overrides,
-    add_own_code,
-    output_folder,
-    own_code,
-    require_own_code,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish, quoted
 from edhas_jax.commands.progress import WorkProgress
 
@@ -22,11 +14,11 @@ def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("simulate", help="run one machine and write a run folder")
     parser.add_argument("config", type=Path, help="configuration, YAML")
-    add_overrides(parser, "piston_clearance=15um")
-    add_own_code(parser)
-    add_output_folder(parser, "runs")
+    arguments.add_overrides(parser, "piston_clearance=15um")
+    arguments.add_own_code(parser)
+    arguments.add_output_folder(parser, "runs")
     parser.add_argument("--no-figure", action="store_true", help="write no picture")
-    add_output_options(parser)
+    arguments.add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -40,9 +32,9 @@ def run(options) -> int:
     from edhas_jax.config.run_folder import require_new_folder
     from edhas_jax.tasks.simulate import simulate
 
-    config = read_config(options.config, options.overrides, own_code(options))
-    require_own_code(options, config.machine)
-    folder = output_folder(options, "runs", options.config.stem)
+    config = read_config(options.config, options.overrides, arguments.own_code(options))
+    arguments.require_own_code(options, config.machine)
+    folder = arguments.output_folder(options, "runs", options.config.stem)
     require_new_folder(folder, options.overwrite)
     out = console(options)
     began = time.perf_counter()

@@ -2,14 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.commands.arguments import (
-    add_output_folder,
-    add_output_options,
-    add_own_code,
-    output_folder,
-    own_code,
-    require_own_code,
-)
+from edhas_jax.commands import arguments
 from edhas_jax.commands.console import console, finish, quoted
 from edhas_jax.commands.progress import WorkProgress
 
@@ -18,9 +11,9 @@ def add_parser(commands) -> None:
     """Declare the command and its arguments."""
     parser = commands.add_parser("size", help="find the dimensions that make a machine best within its limits")
     parser.add_argument("config", type=Path, help="configuration of the task, YAML")
-    add_output_folder(parser, "runs")
-    add_own_code(parser)
-    add_output_options(parser)
+    arguments.add_output_folder(parser, "runs")
+    arguments.add_own_code(parser)
+    arguments.add_output_options(parser)
     parser.set_defaults(command=run)
 
 
@@ -29,9 +22,9 @@ def run(options) -> None:
     from edhas_jax.design.sizing.config import load_sizing
     from edhas_jax.tasks.size import SizeResult, size
 
-    task = load_sizing(options.config, own_code(options))
-    require_own_code(options, task.machine)
-    folder = output_folder(options, "runs", options.config.stem)
+    task = load_sizing(options.config, arguments.own_code(options))
+    arguments.require_own_code(options, task.machine)
+    folder = arguments.output_folder(options, "runs", options.config.stem)
     SizeResult.reserve(folder, options.overwrite)
     out = console(options)
     with WorkProgress(options, "compiling") as progress:

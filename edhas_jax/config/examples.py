@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from edhas_jax.config.file_kind import command_of
-from edhas_jax.config.result_files import ResultFileError
+from edhas_jax.config.result_files import ResultFileError, report_write_errors
 
 FOLDER = Path(__file__).parents[1] / "examples"
 CAMPAIGN = "campaign"
@@ -59,7 +59,7 @@ def copy_examples(names: Sequence[str] = (), folder: Path | str = "examples") ->
         if name.endswith(".yaml"):
             wanted |= dict.fromkeys(_bases(FOLDER / name))
     copied = []
-    try:
+    with report_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name in wanted:
             source, target = FOLDER / name, folder / name
@@ -67,8 +67,6 @@ def copy_examples(names: Sequence[str] = (), folder: Path | str = "examples") ->
                 continue
             shutil.copytree(source, target) if source.is_dir() else shutil.copyfile(source, target)
             copied.append(target)
-    except OSError as error:
-        raise ResultFileError(f"{folder}: cannot be written: {error.strerror or error}") from None
     return copied
 
 

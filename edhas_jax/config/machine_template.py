@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.config.result_files import ResultFileError
+from edhas_jax.config.result_files import ResultFileError, report_write_errors
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.units import exact_quantity
@@ -81,10 +81,8 @@ def write_beginning(text: str, path: Path, overwrite: bool = False) -> Path:
     """
     if path.exists() and not overwrite:
         raise ResultFileError(f"{path}: exists already; nothing was written. Name another file or add --overwrite")
-    try:
+    with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as file:
             file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ResultFileError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path

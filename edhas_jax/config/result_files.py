@@ -111,6 +111,19 @@ def lock_folder(folder: Path) -> TextIO | None:
 
 
 @contextlib.contextmanager
+def report_write_errors(path: Path) -> Iterator[None]:
+    """Turn an error of the operating system while writing `path` into one message for the user.
+
+    Raises:
+        ResultFileError: the block raised an OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ResultFileError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
     """Lock a folder, which is made, and removed at the end where nothing was written into it.
 
@@ -118,11 +131,9 @@ def locked_folder(folder: Path) -> Iterator[None]:
         ResultFileError: another process has locked it, or it cannot be made.
     """
     is_new = not folder.exists()
-    try:
+    with report_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         lock = lock_folder(folder)
-    except OSError as error:
-        raise ResultFileError(f"{folder}: cannot be written: {error.strerror or error}") from None
     try:
         yield
     finally:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from edhas_jax.config.result_files import ResultFileError
+from edhas_jax.config.result_files import ResultFileError, report_write_errors
 from edhas_jax.core.atomic_file import atomic_write
 
 _RIG = '''"""A machine of one's own: one tank that a pump fills and a hole drains. Change it into yours."""
@@ -72,11 +72,9 @@ def write_rig_template(path: Path, overwrite: bool = False) -> tuple[Path, Path,
     for file in texts:
         if file.exists() and not overwrite:
             raise ResultFileError(f"{file}: exists already; nothing was written. Name another file or add --overwrite")
-    try:
+    with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         for file, text in texts.items():
             with atomic_write(file) as temporary:
                 temporary.write_text(text.format(name=name, stem=path.stem), encoding="utf-8")
-    except OSError as error:
-        raise ResultFileError(f"{path}: cannot be written: {error.strerror or error}") from None
     return path, path.with_suffix(".yaml"), name

@@ -1,6 +1,5 @@
 """Run folders: the results of one simulation on disk together with the configuration that reproduces them."""
 
-import contextlib
 import dataclasses
 import datetime
 import json
@@ -9,7 +8,7 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ import pyarrow.parquet as pq
 
 import edhas_jax
 from edhas_jax.config.machine_config import read_config
-from edhas_jax.config.result_files import ResultFileError, ResultFiles, check_files
+from edhas_jax.config.result_files import ResultFileError, ResultFiles, check_files, report_write_errors
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name
@@ -64,19 +63,6 @@ def require_new_folder(folder: Path, overwrite: bool) -> None:
     """
     if folder.exists() and not overwrite:
         raise ResultFileError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
-
-
-@contextlib.contextmanager
-def report_write_errors(path: Path) -> Iterator[None]:
-    """Turn an error of the operating system while writing `path` into one message for the user.
-
-    Raises:
-        ResultFileError: the block raised an OSError.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise ResultFileError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:

@@ -81,11 +81,14 @@ def draw_chart(axes, chart: Chart) -> None:
     style_axes(axes, chart.x_title, chart.y_title)
 
 
-def style_axes(axes, x_title: str, y_title: str) -> None:
-    """Give axes of matplotlib their titles, a grid, and no frame."""
-    axes.set_xlabel(x_title, fontsize=9, color=INK)
-    axes.set_ylabel(y_title, fontsize=9, color=INK)
-    axes.grid(color=GRID, lw=0.6)
+def style_axes(axes, x_title: str = "", y_title: str = "", grid: str = "both", size: float = 9) -> None:
+    """Give axes of matplotlib their titles in a size [pt], a grid ("both", or of the axis "x" alone), and no frame.
+
+    Ticks with texts are set after it.
+    """
+    axes.set_xlabel(x_title, fontsize=size, color=INK)
+    axes.set_ylabel(y_title, fontsize=size, color=INK)
+    axes.grid(axis=grid, color=GRID, lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=GREY, labelsize=8)
+    axes.tick_params(colors=GREY, labelsize=size - 1)

@@ -26,8 +26,7 @@ from edhas_jax.machine.components.set_points import Recorded, RecordedInterval
 from edhas_jax.machine.interface.signals import SIGNALS, Signal
 from edhas_jax.machine.parameters import find_parameter, list_parameters, replace_value, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.integrator import evaluate_signals, step
-from edhas_jax.simulation.rk4_reference import rates
+from edhas_jax.simulation.integrator import evaluate_signals, rates, step
 from edhas_jax.simulation.time_loop import check_names, failed_checks
 
 STEP = "step"  # name of the variable that holds the largest internal step

@@ -5,6 +5,7 @@ Residuals are drawn as measured − model: they lie below zero where the model i
 
 import numpy as np
 
+from edhas_jax.core.chart import style_axes
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import display_unit, format_quantity, from_si
@@ -19,7 +20,7 @@ SHOWN_CYCLES = 2.0  # cycles at the end of a run that are drawn
 SHOWN_SHARE = 0.4  # share of the length that is drawn of a run without cycles
 BIN_COUNT = 30
 MIN_SAMPLES_PER_BIN = 4
-NOISE_BAND_COLOUR = GRID_COLOUR = "#d8dee4"
+NOISE_BAND_COLOUR = "#d8dee4"
 MOST_BINNED = 5  # quantities over which errors are drawn
 
 
@@ -49,15 +50,13 @@ def draw_traces(comparison: Comparison, signal: str):
         above.plot(time, model, color=COLOURS[1], lw=1.1, label="model ± 2 noise")
         below.axhspan(-2, 2, color=NOISE_BAND_COLOUR, lw=0)
         below.plot(time, compared.residuals[signal][shown], lw=0.8, color=COLOURS[0])
-        below.set_xlabel(f"time, {time_name}" if row == rows - 1 else "", fontsize=8, color=INK)
         frequency = format_quantity(compared.frequency, "Hz") if np.isfinite(compared.frequency) else ""
         title = f"{figure_text(compared.run.name)}  {frequency}   {compared.rms_over_noise[signal]:.2f} × noise"
         above.set_title(title, fontsize=9, loc="left", color=INK)
+        titles = (f"{signal.replace('_', ' ')}, {unit}", ERROR_LABEL) if column == 0 else ("", "")
+        style_axes(above, "", titles[0], size=8)
         above.tick_params(labelbottom=False)
-        for axes, label in ((above, f"{signal.replace('_', ' ')}, {unit}"), (below, ERROR_LABEL)):
-            _style_axes(axes)
-            if column == 0:
-                axes.set_ylabel(label, fontsize=8, color=INK)
+        style_axes(below, f"time, {time_name}" if row == rows - 1 else "", titles[1], size=8)
     for k in range(len(runs), rows * columns):
         for axes in cells[2 * (k // columns) : 2 * (k // columns) + 2, k % columns]:
             axes.set_visible(False)
@@ -90,11 +89,8 @@ def draw_binned_residuals(comparison: Comparison):
                 if signal in compared.residuals:
                     at, mean = _binned(comparison, compared, signal, axis)
                     cell.plot(at, mean, color=shade, lw=1.2, label=figure_text(compared.run.name))
-            _style_axes(cell)
-            if column == 0:
-                cell.set_ylabel(f"{signal.replace('_', ' ')}\n{ERROR_LABEL}", fontsize=8, color=INK)
-            if row == len(signals) - 1:
-                cell.set_xlabel(_axis_label(comparison, axis), fontsize=8, color=INK)
+            title = f"{signal.replace('_', ' ')}\n{ERROR_LABEL}" if column == 0 else ""
+            style_axes(cell, _axis_label(comparison, axis) if row == len(signals) - 1 else "", title, size=8)
     handles, labels = cells[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
     return figure
@@ -118,9 +114,7 @@ def draw_residuals_over_conditions(comparison: Comparison):
             rows = [compared.rms_over_noise.get(signal, np.nan) for compared in comparison.runs]
             axes.semilogy(from_si(values, unit, shown), rows, "o", ms=5, color=colour, label=signal.replace("_", " "))
         axes.axhline(1.0, color=GREY, lw=0.9, ls="--")
-        axes.set_xlabel(f"{name.replace('_', ' ')}, {shown}", fontsize=9, color=INK)
-        _style_axes(axes)
-    cells[0].set_ylabel("residual over noise", fontsize=9, color=INK)
+        style_axes(axes, f"{name.replace('_', ' ')}, {shown}", "residual over noise" if axes is cells[0] else "")
     handles, labels = cells[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
     return figure
@@ -145,9 +139,7 @@ def draw_spectra(comparison: Comparison):
                 f, power = welch(values, rate, nperseg=min(512, len(values)), detrend=False)
                 axes.loglog(f[1:], power[1:] * rate / 2.0, color=shade, lw=1.0, label=figure_text(compared.run.name))
         axes.set_title(signal.replace("_", " "), fontsize=9, loc="left", color=INK)
-        axes.set_xlabel("frequency, Hz", fontsize=8, color=INK)
-        _style_axes(axes)
-    cells[0].set_ylabel("residual power / noise power", fontsize=8, color=INK)
+        style_axes(axes, "frequency, Hz", "residual power / noise power" if axes is cells[0] else "", size=8)
     handles, labels = cells[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
     return figure
@@ -174,10 +166,8 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
         axes.plot(middle, scale * mean, color=shade, lw=1.4, label=figure_text(compared.run.name))
     if pattern.stated and pattern.axis != "time":
         _draw_stated(axes, comparison, runs, pattern, scale / noise)
-    axes.set_xlabel(_axis_label(comparison, axis), fontsize=9, color=INK)
-    axes.set_ylabel(f"{pattern.signal.replace('_', ' ')}: measured − model, {unit}", fontsize=9, color=INK)
+    style_axes(axes, _axis_label(comparison, axis), f"{pattern.signal.replace('_', ' ')}: measured − model, {unit}")
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    _style_axes(axes)
     return figure
 
 
@@ -243,9 +233,3 @@ def _width_in_unit(about: Signal, width: float, unit: str) -> float:
     """A difference (SI) in a unit that may have an offset."""
     return float(_in_unit(about, np.array(width), unit) - _in_unit(about, np.array(0.0), unit))
 
-
-def _style_axes(axes) -> None:
-    axes.grid(True, color=GRID_COLOUR, lw=0.5)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=GREY, labelsize=7)

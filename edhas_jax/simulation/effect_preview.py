@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core import structs
+from edhas_jax.core.chart import style_axes
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import format_quantity, from_si
 from edhas_jax.machine.effects import Effect, EffectError, EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
@@ -106,18 +107,13 @@ def plot_preview(preview: EffectPreview):
         left.plot(t, with_effect, color=COLOURS[1], lw=1.2, label="with")
         right.plot(t, with_effect - without_effect, color=COLOURS[1], lw=1.2)
         right.axhline(0.0, color=GREY, lw=0.6)
-        left.set_ylabel("\n".join((*name.split("_", 1), display_unit)).replace("_", " "), fontsize=8.5)
-        right.set_ylabel(display_unit, fontsize=8.5)
-        for axes in (left, right):
-            axes.grid(color="#e4e7eb", lw=0.6)
-            axes.tick_params(labelsize=8, colors=INK)
+        title = "\n".join((*name.split("_", 1), display_unit)).replace("_", " ")
+        for axes, y_title in ((left, title), (right, display_unit)):
+            style_axes(axes, "time, ms" if axes in grid[-1] else "", y_title)
             axes.margins(x=0.0)
-            axes.spines[["top", "right"]].set_visible(False)
     grid[0, 0].legend(frameon=False, fontsize=8.5, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.98))
     grid[0, 0].set_title("the signal", fontsize=9.5, loc="left")
     grid[0, 1].set_title("change by the effect", fontsize=9.5, loc="left")
-    for axes in grid[-1]:
-        axes.set_xlabel("time, ms", fontsize=8.5)
     cls = type(preview.effect)
     sizes = (f"{p.name} {format_quantity(getattr(preview.effect, p.name), p.unit)}" for p in structs.parameters(cls))
     size = ", ".join(sizes)

@@ -78,6 +78,12 @@ def step_with_outputs(
     return machine.advance(y, k, t, h), k, at_midstep
 
 
+def rates(machine: Rig, y: State, t, h) -> tuple[State, list[str]]:
+    """dy/dt of every state (for an oil node, of its pressure), and the names of the oil nodes."""
+    s, found = machine.evaluate(y, t, h, y)
+    return found | s.record.pressure_rates, list(s.record.pressure_rates)
+
+
 def evaluate_signals(machine: Rig, y: State, t, h) -> dict[str, Any]:
     """The signals of a machine, by name in SI, in the state `y` at time `t` [s]."""
     values = machine.evaluate(y, t, h, y)[0].values()

@@ -3,6 +3,7 @@
 import numpy as np
 
 from edhas_jax.core import structs
+from edhas_jax.core.chart import style_axes
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import format_quantity, from_si
@@ -120,14 +121,10 @@ def _draw_panel(axes, machine: Rig, signals: dict, title: str, names: list[str],
             color=SET_POINT_COLOUR if is_set_point else next(colours), lw=5.0 if is_set_point else 1.4,
             label=LABELS.get(name, name.replace("_", " ")),
         )  # fmt: skip
-    axes.set_ylabel(f"{title}\n{unit}".strip(), color=INK, fontsize=9)
-    axes.grid(True, color="#d8dee4", lw=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=GREY, labelsize=8, labelbottom=last)
+    style_axes(axes, f"time, {time_name}" if last else "", f"{title}\n{unit}".strip())
+    axes.tick_params(labelbottom=last)
     if len(names) > 1:
         axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    if last:
-        axes.set_xlabel(f"time, {time_name}", color=INK, fontsize=9)
 
 
 def _draw_energy_balance(axes, table) -> None:

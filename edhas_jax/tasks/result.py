@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import edhas_jax
-from edhas_jax.config.result_files import ResultFileError, ResultFiles, check_files
-from edhas_jax.config.run_folder import report_write_errors, write_json
+from edhas_jax.config.result_files import ResultFileError, ResultFiles, check_files, report_write_errors
+from edhas_jax.config.run_folder import write_json
 from edhas_jax.core.summary import Summary, jsonable
 
 SUMMARY_FILE = "summary.json"

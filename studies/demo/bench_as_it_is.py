@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.campaign_writer import write_campaign
+from studies.campaign_writer import write_campaign
 from studies.demo import CAMPAIGN
 from studies.hidden_effects.generators.content import CONTENT
 from studies.hidden_effects.generators.disturbances import draw_disturbances

@@ -25,11 +25,11 @@ from edhas_jax.machine.effects import (
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 from studies.flow_drop.causes import SizedCause
 from studies.hidden_effects.generators.tuning.benches import PUMP_CHANNELS as CHANNELS
 from studies.hidden_effects.generators.tuning.benches import PUMP_UNCERTAIN as USUAL
 from studies.paper.readings import mean_flows
+from studies.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
 LIBRARY = (ValveAdhesion, SuctionLineResistance, SuctionLineInertance, SupplySag, ValveFlowForce)
 UNCERTAIN = USUAL | {

@@ -20,7 +20,7 @@ from edhas_jax.diagnosis.search import checkpoint
 from edhas_jax.diagnosis.search import diagnose as diagnosing
 from edhas_jax.diagnosis.search.set_search import FIT_STEPS, SetSearch
 from edhas_jax.machine.effects import ConstantBiasForce, InverterDeadTime
-from edhas_jax.measurements.campaign_writer import write_campaign
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 FILES = {

@@ -10,7 +10,7 @@ from edhas_jax.commands.cli import main
 from edhas_jax.core import structs
 from edhas_jax.machine.effects import ConstantBiasForce, EffectError
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.campaign_writer import write_campaign
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 BIAS = 2.0  # N

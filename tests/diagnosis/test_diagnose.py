@@ -27,7 +27,7 @@ from edhas_jax.machine.effects import (
 from edhas_jax.machine.effects.tabulated_law import LawPlace, table_of
 from edhas_jax.measurements.campaign import Channel, Use
 from edhas_jax.measurements.sensor_models import SensorLag
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
+from studies.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
 LIBRARY = (
     AsymmetricFriction, CoggingForce, ForceConstantDroop, InverterDeadTime, MagneticSaturation, ParasiticSpring

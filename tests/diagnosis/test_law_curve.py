@@ -34,10 +34,10 @@ from edhas_jax.machine.effects import (
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, table_of
 from edhas_jax.machine.rigs import RIGS, PumpBench
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.residuals import OVERALL, rms_by_signal
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter, uncertain_unknowns
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 POSITION = LawPlace("mover_force", "piston_position")

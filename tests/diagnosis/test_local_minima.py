@@ -14,7 +14,7 @@ from edhas_jax.inference.fit.local_minima import RUN_FRACTIONS, fit_progressivel
 from edhas_jax.inference.likelihood.bench_deviations import BenchDeviations
 from edhas_jax.machine.effects import EntrainedAir, LugreFriction, PistonLeakage, SuctionLineInertance
 from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
+from studies.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
 CHANNELS = {
     "current": Channel("A", 0.02), "outlet_pressure": Channel("MPa", 1.5e3), "outlet_flow": Channel("L/min", 2e-7)

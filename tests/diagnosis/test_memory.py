@@ -12,8 +12,8 @@ from edhas_jax.inference.fit.fit import fit
 from edhas_jax.inference.fit.fit_problem import FitProblem
 from edhas_jax.machine.effects import AmplifierLag, Effect, LugreFriction
 from edhas_jax.machine.effects.base import state
-from edhas_jax.measurements.synthetic_campaign import planned_campaign, synthesise
 from edhas_jax.measurements.unknown_parameters import ParameterScale, UnknownParameter
+from studies.synthetic_campaign import planned_campaign, synthesise
 from tests.diagnosis.test_diagnose import CHANNELS, RUNS, UNCERTAIN, diagnosed, said
 
 OMEGA = 2.0 * np.pi * 90.0  # 1/s, of a mass on a spring

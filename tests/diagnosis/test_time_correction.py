@@ -28,7 +28,7 @@ from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import PredictedSignals
 from edhas_jax.measurements.sensor_models import SensorLag
-from edhas_jax.measurements.synthetic_campaign import synthesise
+from studies.synthetic_campaign import synthesise
 from tests.support.synthetic_campaign import CHANNELS, bench, empty_campaign, measured
 
 FINE = 5e-5  # s, sample interval of the trajectories from which the signals are interpolated

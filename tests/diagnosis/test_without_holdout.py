@@ -13,7 +13,7 @@ from edhas_jax.diagnosis.planning import next_experiment
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
 from edhas_jax.machine.effects import Effect, InverterDeadTime
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.campaign_writer import write_campaign
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 

@@ -25,7 +25,7 @@ from edhas_jax.machine.effects import (
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
+from studies.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 
 LIBRARY = (AsymmetricFriction, CoggingForce, InverterDeadTime, ParasiticSpring)
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}

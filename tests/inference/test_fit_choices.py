@@ -13,8 +13,8 @@ from edhas_jax.commands.cli import main
 from edhas_jax.inference.fit.fit_choices_reader import read_choices
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.measurements.campaign import CampaignError, Spread, Use
-from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
+from studies.campaign_writer import write_campaign
 from tests.diagnosis.test_values_of_runs import OWN, campaign_of  # noqa: F401
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 

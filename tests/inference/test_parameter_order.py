@@ -17,8 +17,8 @@ from edhas_jax.inference.fit.uncertainty import profile_likelihood
 from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.effects.validation import check_declaration
 from edhas_jax.machine.parameters import ParameterError
-from edhas_jax.measurements.synthetic_campaign import draw_parameters
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
+from studies.synthetic_campaign import draw_parameters
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 FRICTION = {"coulomb_friction": 0.5, "static_friction": 0.5}

@@ -9,7 +9,7 @@ import edhas_jax as edhas
 from edhas_jax.inference.likelihood.residual_outliers import without_missing, without_outliers
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, planned_campaign
+from studies.synthetic_campaign import PlannedRun, planned_campaign
 
 FREQUENCY, INTERVAL, SAMPLES = 10.0, 5e-4, 1200
 PER_CYCLE = round(1.0 / (FREQUENCY * INTERVAL))

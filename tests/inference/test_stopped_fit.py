@@ -14,10 +14,10 @@ from edhas_jax.inference.fit import fit as fit_module
 from edhas_jax.inference.fit.calibration import STOPPED
 from edhas_jax.inference.fit.fit import fit
 from edhas_jax.inference.fit.fit_problem import FitProblem, gauss_newton_model
-from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.measurement_model import EvaluationPoint
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 TRUTH = {"coil_resistance": 1.45, "force_constant": 24.2, "mover_damping": 25.0, "coulomb_friction": 3.2}

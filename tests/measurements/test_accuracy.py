@@ -9,7 +9,7 @@ import edhas_jax as edhas
 from edhas_jax.measurements.accuracy import BenchAccuracy, SensorAccuracy
 from edhas_jax.measurements.campaign import CampaignError, Channel
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.campaign_writer import write_campaign
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import empty_campaign
 
 

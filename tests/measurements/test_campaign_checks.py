@@ -9,7 +9,7 @@ import pytest
 from edhas_jax.commands.cli import main
 from edhas_jax.measurements.campaign import Severity
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.checks.campaign_checks import check_campaign
+from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from tests.support import ROOT
 from tests.support.faulty_campaign import VALID_CAMPAIGN, copy_campaign, delayed, modify_table, replace_in_yaml
 
@@ -115,11 +115,11 @@ FAULTS = {
 
 
 def errors_and_warnings(folder):
-    return [r for r in check_campaign(read_campaign(folder)) if r.severity is not Severity.NOTE]
+    return [r for r in checked_campaign(read_campaign(folder)).remarks if r.severity is not Severity.NOTE]
 
 
 def test_a_valid_campaign_has_no_remarks():
-    assert not check_campaign(read_campaign(VALID_CAMPAIGN))
+    assert not checked_campaign(read_campaign(VALID_CAMPAIGN)).remarks
 
 
 @pytest.mark.parametrize("kind", FAULTS)

@@ -11,7 +11,7 @@ from edhas_jax.core import structs
 from edhas_jax.machine.effects import ConstantBiasForce
 from edhas_jax.measurements.campaign import CampaignError
 from edhas_jax.measurements.campaign_with_effects import description_with_effects
-from edhas_jax.measurements.campaign_writer import write_campaign
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 SIZES = {"dead_time_voltage": "0.8 V"}

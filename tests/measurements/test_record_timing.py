@@ -107,7 +107,7 @@ def test_a_jump_of_the_clock_leaves_the_shorter_part_out(tmp_path):
 
 def test_a_window_holds_in_a_plan_and_in_a_written_campaign(unchanged, tmp_path):
     from edhas_jax.diagnosis.planning.planned_campaign import read_planned_campaign
-    from edhas_jax.measurements.campaign_writer import write_campaign
+    from studies.campaign_writer import write_campaign
 
     folder = copy_campaign(tmp_path / "bench")
     replace_in_yaml(folder, "run3.csv, use: fit,", "run3.csv, use: fit, window: {from: 0.1 s, to: 0.2 s},")

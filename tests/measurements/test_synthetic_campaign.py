@@ -16,10 +16,10 @@ from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import ActuatorBench, PumpBench
 from edhas_jax.measurements.campaign import CampaignError, Channel, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.sensor_models import SensorGain, SensorLag
-from edhas_jax.measurements.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
-from edhas_jax.simulation.rk4_reference import Unstable, trajectories
+from studies.campaign_writer import write_campaign
+from studies.rk4_reference import Unstable, trajectories
+from studies.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 from tests.support import DATA
 from tests.support.reference import nominal
 

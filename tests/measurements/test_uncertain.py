@@ -8,8 +8,8 @@ from edhas_jax.core.units import difference_to_si
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Spread, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.unknown_parameters import ParameterScale, uncertain_unknowns, unknown_around
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 RIG = '''"""An axis whose speed has one gain for small commands and one more beyond 60 %."""

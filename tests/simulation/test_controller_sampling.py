@@ -20,7 +20,7 @@ from edhas_jax.machine.interface.controller_base import Controller
 from edhas_jax.machine.rigs import ActuatorBench, Sine
 from edhas_jax.simulation import batch_trajectories
 from edhas_jax.simulation.integrator import step
-from edhas_jax.simulation.rk4_reference import trajectories
+from studies.rk4_reference import trajectories
 from tests.contract.test_absent_effects import by_rig, count_operations, step_jaxpr
 from tests.support.xla import jit
 

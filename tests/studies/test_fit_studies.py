@@ -15,7 +15,7 @@ from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
-from edhas_jax.simulation.rk4_reference import trajectories
+from studies.rk4_reference import trajectories
 from tests.support.headline import headline
 from tests.support.synthetic_campaign import bench, empty_campaign
 

@@ -22,7 +22,6 @@ from edhas_jax.machine.own_rig import check_rig
 from edhas_jax.machine.parameters import get_parameter, set_parameters
 from edhas_jax.machine.rigs import ActuatorBench, PumpBench
 from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.synthetic_campaign import planned_campaign
 from studies.hidden_effects.generators import drawing
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.content import CONTENT, OWN_MACHINES
@@ -35,6 +34,7 @@ from studies.hidden_effects.generators.sensor_faults import draw_fault
 from studies.hidden_effects.generators.similarity import MAX_SHARE, share, shares_of_similar_effects
 from studies.hidden_effects.generators.sizes import draw_visible, mounted
 from studies.hidden_effects.generators.visibility import VisibilityTest
+from studies.synthetic_campaign import planned_campaign
 
 DEVELOPMENT = (Split.TUNING, Split.VARIED)
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}

@@ -9,7 +9,7 @@ import edhas_jax as edhas
 from edhas_jax.machine.effects import LugreFriction
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.measurements.synthetic_campaign import synthesise
+from studies.synthetic_campaign import synthesise
 
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
 UNCERTAIN = {"coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25}

@@ -14,9 +14,9 @@ from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.config.result_files import ResultFileError
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.design.sizing.config import load_sizing
-from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.simulation.validity import Status
 from edhas_jax.tasks.result import SavedResult
+from studies.campaign_writer import write_campaign
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 
 BENCH = edhas.ActuatorBench()

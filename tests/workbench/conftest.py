@@ -13,9 +13,9 @@ import pytest
 
 from edhas_jax.core import structs
 from edhas_jax.machine.effects import InverterDeadTime
-from edhas_jax.measurements.campaign_writer import write_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.sensor_models import SensorGain
+from studies.campaign_writer import write_campaign
 from tests.support import ROOT
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from edhas_jax.config.result_files import ResultFileError
+from edhas_jax.config.result_files import ResultFileError, report_write_errors
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.source_location import first_line
 from edhas_jax.core.summary import Summary
@@ -82,12 +82,10 @@ class SweepData(xr.Dataset):
             raise ResultFileError(f"{path}: a file .nc belongs here")
         if os.path.lexists(path) and not overwrite:
             raise ResultFileError(f"{path}: exists already; nothing was written. Name another file, or overwrite=True")
-        try:
+        with report_write_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             with atomic_write(path) as file:
                 self.to_netcdf(file, engine="scipy")
-        except OSError as error:
-            raise ResultFileError(f"{path}: cannot be written: {error.strerror or error}") from None
         return path
 
 

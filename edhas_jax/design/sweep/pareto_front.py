@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from edhas_jax.core.chart import style_axes
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.design.sweep.design_selection import (
     GRID_COLOUR,
@@ -98,13 +99,9 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
                       fontsize=9, weight="bold", color=FRONT_COLOUR, zorder=5,
                       bbox={"boxstyle": "circle,pad=0.2", "fc": "white", "ec": FRONT_COLOUR, "lw": 0.8})  # fmt: skip
     better = {1.0: "more is better", -1.0: "less is better"}
-    axes.set_xlabel(f"{selection.label(names[1])} ({better[signs[1]]})", color=INK)
-    axes.set_ylabel(f"{selection.label(names[0])} ({better[signs[0]]})", color=INK)
+    titles = [f"{selection.label(name)} ({better[sign]})" for name, sign in zip(names, signs, strict=True)]
+    style_axes(axes, titles[1], titles[0], size=10)
     axes.margins(0.06)
-    axes.grid(True, color=GRID_COLOUR, lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=GREY, labelsize=9)
     axes.legend(frameon=False, fontsize=9, loc="lower right" if signs[0] * signs[1] < 0 else "upper right")
     columns = [names[0], names[1], *selection.varied()]
     rows = [[str(k), *(tick_label(selection.values(n)[good[i]]) for n in columns)] for k, i in enumerate(listed, 1)]

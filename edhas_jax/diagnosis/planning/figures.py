@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from edhas_jax.core.chart import style_axes
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.diagnosis.planning.detectability_plan import INDISTINGUISHABLE_COSINE, DetectabilityPlan
 
@@ -31,13 +32,9 @@ def draw_thresholds(plan: DetectabilityPlan):
     axes.set_xscale("log")
     axes.set_xlim(*SHARE_RANGE)
     axes.set_ylim(-0.8, len(candidates) - 0.2)
+    style_axes(axes, "smallest detectable strength over the strongest plausible one (dashed)", grid="x")
     axes.set_yticks(rows, [s.candidate.name.replace("_", " ") for s in candidates], fontsize=7.5, color=INK)
-    label = "smallest detectable strength over the strongest plausible one (dashed)"
-    axes.set_xlabel(label, fontsize=9, color=INK)
-    axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.tick_params(axis="x", colors=GREY, labelsize=8)
+    axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0)
     present = {s.candidate.location for s in candidates}
     handles = [

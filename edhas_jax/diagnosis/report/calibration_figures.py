@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from edhas_jax.core.chart import Chart, Curve, Style, Tone, draw_chart
+from edhas_jax.core.chart import Chart, Curve, Style, Tone, draw_chart, style_axes
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, from_si
@@ -33,12 +33,11 @@ def draw_estimates(calibration: Calibration):
             axes.plot(calibration.drift.x[:, k], np.full(len(calibration.drift.x), row - 0.26), "|", ms=7, color=GREY)
     width = 1.15 * max(3.0, np.abs(fit.x + np.sign(fit.x) * Z_95 * fit.std).max())
     axes.set_xlim(-width, width)
+    style_axes(axes, "distance from the prior mean, in prior standard deviations", grid="x")
     labels = [f"{u.name.replace('_', ' ')}   {fit.text(u.name)}" for u in fit.problem.unknowns]
     axes.set_yticks(rows, labels, fontsize=9, color=INK)
-    axes.set_xlabel("distance from the prior mean, in prior standard deviations", fontsize=9, color=INK)
     legend = "● estimate with 95 % interval    | each run fitted alone    grey: prior ±1 σ, ±2 σ"
     axes.set_title(legend, fontsize=9, loc="left", color=INK)
-    _style_axes(axes)
     return figure
 
 
@@ -112,10 +111,3 @@ def _annotated_matrix(values: np.ndarray, columns: list[str], rows: list[str], l
     figure.suptitle(title, fontsize=10, x=0.01, ha="left", color=INK)
     return figure
 
-
-def _style_axes(axes) -> None:
-    axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=GREY, labelsize=8)
-    axes.tick_params(axis="y", labelsize=9, labelcolor=INK)

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from edhas_jax.core.chart import style_axes
 from edhas_jax.core.literal_text import figure_text
-from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
+from edhas_jax.core.plot_style import COLOURS, INK, time_unit
 from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.conclusions import conclusions
 from edhas_jax.diagnosis.report.residual_stages import USE_TITLES, draw_stages
@@ -66,8 +67,8 @@ def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: 
     for name, residuals, style in _models(diagnosis):
         model = measured - noise * residuals[run.name][signal][shown]
         axes.plot(time, from_si(model, about.unit, about.display_unit), label=name, **style)
-    axes.set_ylabel(about.display_unit, fontsize=9, color=INK)
-    _style_axes(axes)
+    style_axes(axes, "", about.display_unit)
+    axes.margins(x=0.0)
 
 
 def _draw_errors(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: np.ndarray) -> None:
@@ -81,9 +82,9 @@ def _draw_errors(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: 
         residual = residuals[run.name][signal]
         label = f"{name}: {rms_over_noise([residual]):.2f} × noise"
         axes.plot(time, scale * residual[shown], label=label, **style | {"lw": 1.0})
-    axes.set_ylabel(f"measured − model, {about.display_unit}", fontsize=9, color=INK)
+    style_axes(axes, "", f"measured − model, {about.display_unit}")
+    axes.margins(x=0.0)
     axes.legend(fontsize=8.5, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3)
-    _style_axes(axes)
 
 
 def _models(diagnosis: Diagnosis) -> list[tuple[str, dict, dict]]:
@@ -118,13 +119,6 @@ def _shown_samples(diagnosis: Diagnosis, run: BenchRun) -> np.ndarray:
     return run.time >= start
 
 
-def _style_axes(axes) -> None:
-    axes.grid(color="#e4e7eb", lw=0.6)
-    axes.margins(x=0.0)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=GREY, labelsize=8)
-
-
 def _draw_probabilities(axes, diagnosis: Diagnosis) -> None:
     """The probabilities of the most probable names, of nothing and of an unknown cause."""
     shown = list(diagnosis.posterior.probabilities.items())[:MAX_ANSWERS]
@@ -136,10 +130,8 @@ def _draw_probabilities(axes, diagnosis: Diagnosis) -> None:
         axes.annotate(f"{p:.2f}", (p, row), (4, 0), textcoords="offset points", va="center", fontsize=8.5, color=INK)
     axes.set_xlim(0.0, 1.1)
     axes.set_ylim(len(rows) - 0.4, -0.6)
+    style_axes(axes, grid="x")
     axes.set_yticks(rows, [name.replace("_", " ") for name, _ in shown], fontsize=8.5, color=INK)
     axes.set_title("probability to be missing (coloured: the answer)", fontsize=10, loc="left", color=INK)
-    axes.grid(axis="x", color="#e4e7eb", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0)
-    axes.tick_params(axis="x", colors=GREY, labelsize=8)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from edhas_jax.core.plot_style import COLOURS, GREY, INK
+from edhas_jax.core.chart import style_axes
+from edhas_jax.core.plot_style import COLOURS, INK
 from edhas_jax.diagnosis.report.calibration_figures import PRIOR_COLOUR
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.measurements.residuals import Z_95
@@ -39,12 +40,8 @@ def draw_parameter_shifts(diagnosis: Diagnosis):
         names.append(f"{u.name.replace('_', ' ')}   {final.text(u.name)}")
         half_range = max(half_range, abs(before) + Z_95 * before_std, abs(x) + Z_95 * std)
     axes.set_xlim(-1.1 * half_range, 1.1 * half_range)
+    style_axes(axes, "distance from the prior mean, in prior standard deviations (grey: ±1, ±2)", grid="x")
     axes.set_yticks(rows, names, fontsize=9, color=INK)
-    axes.set_xlabel("distance from the prior mean, in prior standard deviations (grey: ±1, ±2)", fontsize=9, color=INK)
     legend = "○ calibrated without candidates   ● with what was found   (95 %)"
     axes.set_title(legend, fontsize=9, loc="left", color=INK)
-    axes.grid(True, axis="x", color="#d8dee4", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(axis="x", colors=GREY, labelsize=8)
     return figure

@@ -33,15 +33,6 @@ UNKNOWN_NOISE = (
 Models = Mapping[str, Mapping[str, np.ndarray]]
 
 
-def check_campaign(campaign: Campaign, on_progress: Callable[[float], None] | None = None) -> tuple[Remark, ...]:
-    """Check the files of a campaign; see `checked_campaign`.
-
-    Returns:
-        The remarks of the reader and of the checks, in the order of the files and lines.
-    """
-    return checked_campaign(campaign, on_progress).remarks
-
-
 def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | None = None) -> Campaign:
     """Check the data of a campaign, leave out what is impossible, and measure the noise.
 

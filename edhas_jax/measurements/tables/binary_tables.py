@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.measurements.tables.binary_reading import damaged_unless, reader_library
 from edhas_jax.measurements.tables.cell_values import Cell, decimal_mark, read_column
 from edhas_jax.measurements.tables.channel_files import read_hdf5_tables
 from edhas_jax.measurements.tables.row_table import Row, find_header
@@ -46,35 +47,28 @@ def read_parquet_tables(path: Path, layout: Layout, report: Report) -> list[Tabl
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            schema = file.schema_arrow
-            is_time = [pa.types.is_timestamp(field.type) for field in schema]
-            used = [
-                pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or stamp
-                for field, stamp in zip(schema, is_time, strict=True)
-            ]
-            for field, is_used in zip(schema, used, strict=True):
-                if not is_used:
-                    report(0, f"column `{field.name}` does not hold numbers; it is left out")
-            require_size(file.metadata.num_rows * sum(used))
-            units = [
-                "s" if stamp else _text((field.metadata or {}).get(b"unit", b""))
-                for field, stamp in zip(schema, is_time, strict=True)
-            ]
-            named = names_and_units(schema.names, units)
-            columns = {}
-            for name, (own, unit), is_used, stamp in zip(schema.names, named, used, is_time, strict=True):
-                if is_used:
-                    values = file.read(columns=[name]).column(0).to_numpy()
-                    columns[own] = Column(unit, seconds_since_first(values) if stamp else values.astype(float))
-            return [Table(columns, np.arange(1, file.metadata.num_rows + 1))]
-    except FileNotFoundError:
-        raise
-    except TableError:
-        raise
-    except (pa.ArrowException, ValueError, OSError):
-        raise TableError(0, "is damaged or not a Parquet file") from None
+    with damaged_unless("a Parquet file"), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        schema = file.schema_arrow
+        is_time = [pa.types.is_timestamp(field.type) for field in schema]
+        used = [
+            pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or stamp
+            for field, stamp in zip(schema, is_time, strict=True)
+        ]
+        for field, is_used in zip(schema, used, strict=True):
+            if not is_used:
+                report(0, f"column `{field.name}` does not hold numbers; it is left out")
+        require_size(file.metadata.num_rows * sum(used))
+        units = [
+            "s" if stamp else _text((field.metadata or {}).get(b"unit", b""))
+            for field, stamp in zip(schema, is_time, strict=True)
+        ]
+        named = names_and_units(schema.names, units)
+        columns = {}
+        for name, (own, unit), is_used, stamp in zip(schema.names, named, used, is_time, strict=True):
+            if is_used:
+                values = file.read(columns=[name]).column(0).to_numpy()
+                columns[own] = Column(unit, seconds_since_first(values) if stamp else values.astype(float))
+        return [Table(columns, np.arange(1, file.metadata.num_rows + 1))]
 
 
 def _text(data: bytes) -> str:
@@ -93,18 +87,15 @@ def read_mat_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     """
     from scipy.io import loadmat, whosmat
 
-    try:
-        variables = whosmat(path)
+    with damaged_unless("a MATLAB file"):
+        try:
+            variables = whosmat(path)
+        except NotImplementedError:  # version 7.3
+            return read_hdf5_tables(path, layout, report)
         plain = [int(np.prod(shape)) for _, shape, kind in variables if kind in NUMERIC_CLASSES]
         # the sizes inside structures and cells are not listed: each byte of the file may become a number of 8 bytes
         require_size(sum(plain) if len(plain) == len(variables) else max(sum(plain), _unpacked_size(path)))
         data = loadmat(path, simplify_cells=True)
-    except NotImplementedError:  # version 7.3
-        return read_hdf5_tables(path, layout, report)
-    except (FileNotFoundError, TableError):
-        raise
-    except Exception:  # a damaged file raises whatever its bytes lead to
-        raise TableError(0, "is damaged or not a MATLAB file") from None
     for name, _, kind in variables:
         if kind in ("opaque", "object", "function"):
             report(0, matlab_object(name))
@@ -159,32 +150,23 @@ def read_excel_tables(path: Path, layout: Layout, report: Report) -> list[Table]
     Raises:
         TableError: openpyxl is not installed, the file is damaged or too large, or there is no such sheet or no table.
     """
-    try:
-        import openpyxl
-    except ImportError:
-        remedy = "save it as CSV, or install what reads it: pip install 'edhas_jax[excel]'"
-        raise TableError(0, f"is an Excel file; {remedy}") from None
-    try:
-        with path.open("rb") as file:
-            with zipfile.ZipFile(file) as archive:
-                size = sum(entry.file_size for entry in archive.infolist())
-            require_size(size // 8)
-            book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-            names = [sheet.title for sheet in book.worksheets]
-            if layout.sheet and layout.sheet not in names:
-                raise TableError(0, f"has no sheet `{layout.sheet}`; its sheets: {', '.join(names)}")
-            errors = []
-            for name in [layout.sheet] if layout.sheet else names:
-                rows = _rows(book[name])
-                try:
-                    return [_table_of_rows(rows, layout, report)]
-                except TableError as error:
-                    errors.append(error)
-            raise errors[0]
-    except (TableError, FileNotFoundError):
-        raise
-    except Exception:  # a damaged file raises whatever its bytes lead to
-        raise TableError(0, "is damaged or not an Excel file") from None
+    openpyxl = reader_library("openpyxl", "an Excel file", "excel", "save it as CSV")
+    with damaged_unless("an Excel file"), path.open("rb") as file:
+        with zipfile.ZipFile(file) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        require_size(size // 8)
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True)
+        names = [sheet.title for sheet in book.worksheets]
+        if layout.sheet and layout.sheet not in names:
+            raise TableError(0, f"has no sheet `{layout.sheet}`; its sheets: {', '.join(names)}")
+        errors = []
+        for name in [layout.sheet] if layout.sheet else names:
+            rows = _rows(book[name])
+            try:
+                return [_table_of_rows(rows, layout, report)]
+            except TableError as error:
+                errors.append(error)
+        raise errors[0]
 
 
 def _rows(sheet: Any) -> list[Row]:

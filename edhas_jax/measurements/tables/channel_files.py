@@ -1,12 +1,12 @@
 """Read a table from a file of channels: HDF5 and MATLAB 7.3, TDMS of LabVIEW, MDF of measurement systems."""
 
-import importlib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from edhas_jax.measurements.tables.binary_reading import damaged_unless, reader_library
 from edhas_jax.measurements.tables.table import (
     TIME,
     Layout,
@@ -31,37 +31,33 @@ def read_hdf5_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     Raises:
         TableError: h5py is not installed, the file is damaged, unpacks to more than is read, or refers to other files.
     """
-    h5py = _reader("h5py", "an HDF5 or MATLAB 7.3 file", "hdf5", "`save(name, '-v7')` from MATLAB, or CSV")
-    try:
-        with h5py.File(path, "r") as file:
-            is_matlab = file.userblock_size > 0
-            items: list[tuple[tuple[str, ...], Any]] = []
-            links: list[tuple[tuple[str, ...], Any]] = []
-            _collect(h5py, file, (), {h5py.h5o.get_info(file.id).addr}, items, links)
-            # no link leads out of the file, or that would have been found
-            targets = [(place, group.get(place[-1])) for place, group in links]
-            items += [(place, target) for place, target in targets if isinstance(target, h5py.Dataset)]
-            data = [(place, item) for place, item in items if item.dtype.kind in "fiuV" and "units" not in place]
-            require_size(sum(item.size * max(1, len(item.dtype.names or ())) for _, item in data))
-            texts = {place: item for place, item in items if "units" in place and item.size <= MAX_UNIT}
-            vectors = []
-            for place, item in data:
-                name = ".".join(place) if is_matlab else place[-1]
-                kind = _text(item.attrs.get("MATLAB_class"))
-                if "MATLAB_object_decode" in item.attrs:
-                    report(0, matlab_object(name))
-                if "MATLAB_object_decode" in item.attrs or kind in ("char", "cell"):
-                    continue
-                group = "" if is_matlab else "/".join(place[:-1])
-                beside = texts.get(("units", *place) if is_matlab else (*place[:-1], "units", place[-1]))
-                stated = next((item.attrs[a] for a in UNIT_ATTRIBUTES if a in item.attrs), None)
-                unit = _text(stated if beside is None else beside[()])
-                for own, values in flat_vectors(name, item[()], report):
-                    vectors.append(Vector(group, own, unit, values))
-    except (FileNotFoundError, TableError):
-        raise
-    except Exception:  # a damaged file raises whatever its bytes lead to
-        raise TableError(0, "is damaged or not an HDF5 file") from None
+    otherwise = "export it with `save(name, '-v7')` from MATLAB, or as CSV"
+    h5py = reader_library("h5py", "an HDF5 or MATLAB 7.3 file", "hdf5", otherwise)
+    with damaged_unless("an HDF5 file"), h5py.File(path, "r") as file:
+        is_matlab = file.userblock_size > 0
+        items: list[tuple[tuple[str, ...], Any]] = []
+        links: list[tuple[tuple[str, ...], Any]] = []
+        _collect(h5py, file, (), {h5py.h5o.get_info(file.id).addr}, items, links)
+        # no link leads out of the file, or that would have been found
+        targets = [(place, group.get(place[-1])) for place, group in links]
+        items += [(place, target) for place, target in targets if isinstance(target, h5py.Dataset)]
+        data = [(place, item) for place, item in items if item.dtype.kind in "fiuV" and "units" not in place]
+        require_size(sum(item.size * max(1, len(item.dtype.names or ())) for _, item in data))
+        texts = {place: item for place, item in items if "units" in place and item.size <= MAX_UNIT}
+        vectors = []
+        for place, item in data:
+            name = ".".join(place) if is_matlab else place[-1]
+            kind = _text(item.attrs.get("MATLAB_class"))
+            if "MATLAB_object_decode" in item.attrs:
+                report(0, matlab_object(name))
+            if "MATLAB_object_decode" in item.attrs or kind in ("char", "cell"):
+                continue
+            group = "" if is_matlab else "/".join(place[:-1])
+            beside = texts.get(("units", *place) if is_matlab else (*place[:-1], "units", place[-1]))
+            stated = next((item.attrs[a] for a in UNIT_ATTRIBUTES if a in item.attrs), None)
+            unit = _text(stated if beside is None else beside[()])
+            for own, values in flat_vectors(name, item[()], report):
+                vectors.append(Vector(group, own, unit, values))
     return tables_of_vectors(vectors)
 
 
@@ -102,28 +98,23 @@ def read_tdms_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     Raises:
         TableError: nptdms is not installed, the file is damaged, or unpacks to more than is read.
     """
-    nptdms = _reader("nptdms", "a TDMS file of LabVIEW", "tdms", "CSV")
+    nptdms = reader_library("nptdms", "a TDMS file of LabVIEW", "tdms", "export it as CSV")
     vectors: list[Vector] = []
-    try:
-        with nptdms.TdmsFile.open(path) as file:
-            require_size(sum(len(channel) for group in file.groups() for channel in group.channels()))
-            for group in file.groups():
-                channels = [(c, c[:]) for c in group.channels() if c.data_type is not None]
-                stamped = {len(channel) for channel, _ in channels if channel.name == TIME}
-                for channel, data in channels:
-                    unit = next((channel.properties[p] for p in TDMS_UNITS if channel.properties.get(p)), "")
-                    for name, values in flat_vectors(channel.name, data, report):
-                        unit = "s" if data.dtype.kind == "M" else _text(unit)
-                        vectors.append(Vector(group.name, name, unit, values))
-                    step = channel.properties.get("wf_increment")
-                    if len(channel) not in stamped and step and data.dtype.kind in "fiu":
-                        first = float(channel.properties.get("wf_start_offset", 0.0))
-                        vectors.append(Vector(group.name, TIME, "s", first + float(step) * np.arange(len(channel))))
-                        stamped.add(len(channel))
-    except TableError:
-        raise
-    except Exception:  # a damaged file raises whatever its bytes lead to
-        raise TableError(0, "is damaged or not a TDMS file") from None
+    with damaged_unless("a TDMS file"), nptdms.TdmsFile.open(path) as file:
+        require_size(sum(len(channel) for group in file.groups() for channel in group.channels()))
+        for group in file.groups():
+            channels = [(c, c[:]) for c in group.channels() if c.data_type is not None]
+            stamped = {len(channel) for channel, _ in channels if channel.name == TIME}
+            for channel, data in channels:
+                unit = next((channel.properties[p] for p in TDMS_UNITS if channel.properties.get(p)), "")
+                for name, values in flat_vectors(channel.name, data, report):
+                    unit = "s" if data.dtype.kind == "M" else _text(unit)
+                    vectors.append(Vector(group.name, name, unit, values))
+                step = channel.properties.get("wf_increment")
+                if len(channel) not in stamped and step and data.dtype.kind in "fiu":
+                    first = float(channel.properties.get("wf_start_offset", 0.0))
+                    vectors.append(Vector(group.name, TIME, "s", first + float(step) * np.arange(len(channel))))
+                    stamped.add(len(channel))
     return tables_of_vectors(vectors)
 
 
@@ -133,15 +124,10 @@ def read_mdf_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     Raises:
         TableError: asammdf is not installed, the file is damaged, or unpacks to more than is read.
     """
-    asammdf = _reader("asammdf", "an MDF file", "mdf", "CSV")
-    try:
-        with asammdf.MDF(path) as file:
-            require_size(sum(group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
-            signals = [signal for signal in file.iter_channels() if np.asarray(signal.samples).dtype.kind in "fiu"]
-    except TableError:
-        raise
-    except Exception:  # a damaged file raises whatever its bytes lead to
-        raise TableError(0, "is damaged or not an MDF file") from None
+    asammdf = reader_library("asammdf", "an MDF file", "mdf", "export it as CSV")
+    with damaged_unless("an MDF file"), asammdf.MDF(path) as file:
+        require_size(sum(group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
+        signals = [signal for signal in file.iter_channels() if np.asarray(signal.samples).dtype.kind in "fiu"]
     vectors: dict[tuple[str, str], Vector] = {}
     clocks: dict[bytes, str] = {}
     for signal in signals:
@@ -154,19 +140,6 @@ def read_mdf_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
             values = np.asarray(signal.samples, float)
             vectors[clock, signal.name] = Vector(clock, signal.name, _text(signal.unit), values)
     return tables_of_vectors(list(vectors.values()))
-
-
-def _reader(module: str, what: str, extra: str, otherwise: str) -> ModuleType:
-    """The library that reads a format.
-
-    Raises:
-        TableError: it is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        remedy = f"install what reads it: pip install 'edhas_jax[{extra}]'; or export it as {otherwise}"
-        raise TableError(0, f"is {what}; {remedy}") from None
 
 
 def _text(value: Any) -> str:

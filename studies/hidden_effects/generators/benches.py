@@ -7,8 +7,8 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Channel, Use, has_parameter
-from edhas_jax.measurements.synthetic_campaign import PlannedRun
-from edhas_jax.simulation.rk4_reference import LARGEST_RK4_STEP
+from studies.rk4_reference import LARGEST_RK4_STEP
+from studies.synthetic_campaign import PlannedRun
 
 # conditions that a computer sets, and one that is measured well enough
 EXACT_CONDITIONS = ("frequency", "amplitude", "target.step_size", "ramp_time", "oil_temperature")

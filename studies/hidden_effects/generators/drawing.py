@@ -11,8 +11,6 @@ from edhas_jax.core.structs import replace
 from edhas_jax.machine.effects import OilTemperature
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Use, has_parameter
-from edhas_jax.measurements.synthetic_campaign import planned_campaign
-from edhas_jax.simulation.rk4_reference import Unstable
 from studies.hidden_effects import answers
 from studies.hidden_effects.answers import HiddenEffect, Truth
 from studies.hidden_effects.generators.benches import Bench
@@ -27,6 +25,8 @@ from studies.hidden_effects.generators.settings import draw_drifts, usual_deviat
 from studies.hidden_effects.generators.similarity import MAX_SHARE, shares_of_similar_effects
 from studies.hidden_effects.generators.sizes import MIN_VISIBLE, Drawn, draw_visible
 from studies.hidden_effects.generators.visibility import VisibilityTest, whitening_filter
+from studies.rk4_reference import Unstable
+from studies.synthetic_campaign import planned_campaign
 
 MAX_ATTEMPTS = 60  # draws of a whole case
 SHARE_OF_NULLS = 0.4  # of the families with and without an effect

@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.simulation.rk4_reference import LARGEST_RK4_STEP, trajectories
 from studies.hidden_effects.generators.chains import DrawnLink, Place
+from studies.rk4_reference import LARGEST_RK4_STEP, trajectories
 
 GRID_REFINEMENT = 5  # grid intervals per sample interval
 MARGIN = 20  # samples that are simulated beyond the end of the longest record, for clocks that run fast or late

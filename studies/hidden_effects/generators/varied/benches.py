@@ -7,7 +7,6 @@ import numpy as np
 from edhas_jax.machine.effects import KarnoppFriction, LugreFriction
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench
 from edhas_jax.measurements.campaign import Channel, Use
-from edhas_jax.measurements.synthetic_campaign import PlannedRun
 from studies.hidden_effects.generators.benches import Bench
 from studies.hidden_effects.generators.tuning.benches import (
     ACTUATOR_CHANNELS,
@@ -18,6 +17,7 @@ from studies.hidden_effects.generators.tuning.benches import (
     SYSTEM_CHANNELS,
     SYSTEM_UNCERTAIN,
 )
+from studies.synthetic_campaign import PlannedRun
 
 SEED = 20261125
 PUMPS, ACTUATORS, SYSTEMS = 16, 4, 4  # number of benches

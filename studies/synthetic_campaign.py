@@ -1,6 +1,6 @@
 """Synthesise the measurements of a campaign from a known machine, with an integrator that the fit does not use.
 
-The trajectories come from `edhas_jax.simulation.rk4_reference`, on a time grid finer than the sampling. The front ends
+The trajectories come from `studies.rk4_reference`, on a time grid finer than the sampling. The front ends
 of the sensors act on that grid; then follow sampling, faults of the recording electronics, noise and the converter.
 """
 
@@ -17,7 +17,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Spread, Use
 from edhas_jax.measurements.sensor_models import SensorModel, record
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
-from edhas_jax.simulation.rk4_reference import trajectories
+from studies.rk4_reference import trajectories
 
 GRID_REFINEMENT = 5  # grid intervals per sample interval, on which the front ends act
 CONVERTER_BITS = 16
@@ -112,7 +112,7 @@ def synthesise(
 
     Raises:
         CampaignError: a run has a recorded set point or uneven time stamps, or the runs differ in sample interval.
-        Unstable: see `edhas_jax.simulation.rk4_reference`.
+        Unstable: see `studies.rk4_reference`.
     """
     interval, conditions = _common_grid(campaign, truth)
     samples = GRID_REFINEMENT * (max(len(run.time) for run in campaign.runs) - 1) + 1

@@ -22,7 +22,7 @@ from edhas_jax.compiler.loop_engine import Loop, LoopBody
 from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig, State
-from edhas_jax.simulation.integrator import evaluate_signals
+from edhas_jax.simulation.integrator import evaluate_signals, rates
 
 LARGEST_RK4_STEP = 0.5e-6  # s
 MOST_HALVINGS = 3
@@ -32,12 +32,6 @@ SAMPLES_PER_CHECK = 250  # after which a step that is not stable is given up
 
 class Unstable(ArithmeticError):
     """No step that is tried is stable for this machine."""
-
-
-def rates(machine: Rig, y: State, t, h) -> tuple[State, list[str]]:
-    """dy/dt of every state (for an oil node, of its pressure), and the names of the oil nodes."""
-    s, found = machine.evaluate(y, t, h, y)
-    return found | s.record.pressure_rates, list(s.record.pressure_rates)
 
 
 def runge_kutta_step(machine: Rig, y: State, t, h) -> tuple[State, Any]:
