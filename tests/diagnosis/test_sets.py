@@ -1,6 +1,7 @@
 """The posterior over sets of effects: its linear algebra against dense matrices, and campaigns with known answers."""
 
 import dataclasses
+import types
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
-from edhas_jax.diagnosis.search.set_search import FittedSet
+from edhas_jax.diagnosis.search.set_search import FittedSet, SetSearch
 from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, log_student
 from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.inference.fit.fit_problem import calibration_problem
@@ -159,3 +160,24 @@ def test_the_hidden_effects_are_the_most_probable_set(effects):
     found = diagnose(measured(empty_campaign(), truth), LIBRARY).posterior
     assert found.sets[0].key == {effect.id for effect in effects}
     assert found.weights[0] > 0.5
+
+
+def test_a_best_fit_is_not_gone_on_for_ever_where_only_its_cost_falls(monkeypatch):
+    """What its numbers cost may rise by more than ½χ² falls: then the known fit stays, and is at its end."""
+
+    def fitted(cost, misfit):
+        fit = types.SimpleNamespace(cost=cost, converged=False, x=np.zeros(1))
+        return FittedSet((Candidate(EddyDrag),), types.SimpleNamespace(fit=fit), None, misfit, 60.0, 1000.0, 1000)
+
+    search, known, again = SetSearch.__new__(SetSearch), fitted(2000.0, 2000.0), fitted(1900.0, 2010.0)
+    search.sets, search.weight, search._at_their_ends, calls = {known.key: known}, Weighing(1, 1, 1000), [], []
+
+    def fits(jobs):
+        calls.extend(jobs)
+        assert len(calls) < 3
+        return [(jobs[0], again)]
+
+    monkeypatch.setattr(search, "_fits", fits)
+    search.weight.note(known)
+    search._go_on()
+    assert len(calls) == 1 and search.sets[known.key] is known

@@ -92,7 +92,7 @@ class Move:
     Args:
         to: the set.
         added: the cause.
-        start: coordinates at which its fit begins.
+        start: coordinates at which its fit begins, of its first unknowns; the others begin at their prior means.
         small: coordinates at which it is hardly felt.
         fall: predicted fall of the misfit [nats].
     """
@@ -326,7 +326,7 @@ class SetSearch:
     @staticmethod
     def _is_allowed(move: Move) -> bool:
         members = (*move.to.members, move.added)
-        free = sum(isinstance(c, FreeTerm) for c in members)
+        _, free = counts(members)
         return free <= 1 and sum(c.signal is None for c in members) - free <= MOST_EFFECTS
 
     def _smaller(self, best: FittedSet) -> list[tuple[Candidate, ...]]:
@@ -357,9 +357,7 @@ class SetSearch:
                     continue
                 self._compared.add(pair)
                 for effect in effects:
-                    found = self._with_curve_as_law(of, effect, by_curve, curve)
-                    if found is not None and found.misfit < self.sets[of.key].misfit:
-                        self._add(found, found.key)
+                    self._add(self._with_curve_as_law(of, effect, by_curve, curve), of.key)
 
     def _with_curve_as_law(
         self, of: FittedSet, effect: Candidate, by_curve: FittedSet, curve: CurveCandidate
@@ -403,7 +401,7 @@ class SetSearch:
                 return
             start, waiting.untried = waiting.untried[0], waiting.untried[1:]
             ((_, found),) = self._fits([Job(waiting.members, [start])])
-            if found is not None and found.misfit < waiting.misfit:
+            if found is not None:
                 found.untried = waiting.untried
                 self._add(found, found.key)
 
@@ -420,7 +418,8 @@ class SetSearch:
             if not best.members or is_at_its_end or not best.excess > 0.0:
                 return
             ((_, found),) = self._fits([Job(best.members, [Start(fit.x)])])
-            if found is None or not fit.cost - found.evaluated.fit.cost > LEAST_FALL * best.excess:
+            is_worse = found is None or not found.misfit < best.misfit
+            if is_worse or not fit.cost - found.evaluated.fit.cost > LEAST_FALL * best.excess:
                 self._at_their_ends.append(fit)
                 return
             found.untried = best.untried
@@ -486,7 +485,7 @@ class SetSearch:
         members, of = (*move.to.members, move.added), move.to
         promised = of.misfit - KEPT_PROMISE * max(move.fall, 0.0)
         unknowns = move.added.unknowns(self._base.fit.problem.campaign)
-        own, small = ({u.name: u.value(v) for u, v in zip(unknowns, x, strict=True)} for x in (move.start, move.small))
+        own, small = ({u.name: u.value(v) for u, v in zip(unknowns, x, strict=False)} for x in (move.start, move.small))
         (hardly_felt,) = self._starts(members, of, small, 0)
         starts = self._starts(members, of, own, len(unknowns))
         if isinstance(move.added, FreeTerm):  # far from the fit a linear prediction overshoots
@@ -635,9 +634,7 @@ class SetSearch:
                 best = gain, x, wider
         gain, x, wider = best
         term = dataclasses.replace(slopes.term, spread=wider * slopes.term.spread)
-        start = np.zeros(len(term.unknowns(self._base.fit.problem.campaign)))
-        start[: len(x)] = x
-        return Move(of, term, start, 0.0 * start, gain)
+        return Move(of, term, x, 0.0 * x, gain)
 
 
 def _best_fit(search: SetSearch, job: Job) -> FittedSet | None:
