@@ -124,7 +124,7 @@ runs:
 
 
 def serve(folder: Path) -> tuple[subprocess.Popen, str]:
-    """Start a workbench beside the folder of the campaigns, which pictures show; its process and address."""
+    """Start a workbench above the folder of the campaigns, so that pictures show a short path; process and address."""
     home, environment = folder.parents[1], os.environ | {"PYTHONPATH": str(ROOT)}
     named = str(folder.relative_to(home))
     command = [sys.executable, "-m", "edhas_jax.commands.cli", "workbench", named, "--no-browser"]

@@ -208,7 +208,7 @@ class MeasurementModel:
             u = self.unknowns[j]
             if isinstance(u, ShapeCoefficient):
                 derivatives[j] = dict(u.weights)
-                values |= {name: values[name] + slope * float(x[j]) for name, slope in u.weights}
+                values |= u.added_to(values, float(x[j]))
             else:
                 derivatives[j] = {u.parameter: float(u.derivative(x[j])) * self._in_run(r, u)[0]}
                 values[u.parameter] = self.run_value(r, u, x[j])

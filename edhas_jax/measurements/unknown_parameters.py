@@ -113,6 +113,10 @@ class ShapeCoefficient(UnknownParameter):
         """The parameters of the machine that it changes."""
         return tuple(name for name, _ in self.weights)
 
+    def added_to(self, present: Mapping[str, float], x: float) -> dict[str, float]:
+        """The values (SI) of these parameters at coordinate `x`, from those that they have without the shape."""
+        return {name: present[name] + slope * x for name, slope in self.weights}
+
 
 def uncertain_unknowns(campaign: Campaign, machine: Rig | None = None) -> tuple[UnknownParameter, ...]:
     """The uncertain parameters of a campaign that a machine has, as unknowns; those of the fitted runs come last.

@@ -203,7 +203,7 @@ def largest_change(machine: Rig, coarse: dict[str, np.ndarray], fine: dict[str, 
 
 
 def _change_of_last_cycles(record: Record) -> tuple[str, float]:
-    """The main result that changes most from the last cycle but one to the last; ("", 0) without two cycles."""
+    """The main result that differs most between the last two cycles; ("", 0) without two cycles."""
     m, end = record.machine, float(record.signals["time"][-1])
     if m.cycle is None:
         return "", 0.0

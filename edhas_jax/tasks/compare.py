@@ -30,7 +30,7 @@ GOOD_RESIDUAL, BAD_RESIDUAL = 1.15, 3.0  # residual over noise, up to which noth
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class ComparisonResult(Result, Comparison):
-    """A model compared with the measurements of a campaign; see `Comparison` for its numbers.
+    """The comparison of a model with the measurements of a campaign; `Comparison` describes its numbers.
 
     Attributes:
         bench_corrected: residual over noise by run and signal with the bench corrected, as the fit of the model has

@@ -116,7 +116,7 @@ def cells(matrix):
 
 
 def printed_tables(text):
-    """The tables of residual over noise by run that a command has printed."""
+    """The tables of residual over noise, a row for each run, in the printed output of a command."""
     rows = re.findall(r"^ (run\d) +([\d.]+) +([\d.]+) +([\d.]+) *$", text, re.MULTILINE)
     tables = [dict((run, list(values)) for run, *values in rows[k : k + 3]) for k in range(0, len(rows), 3)]
     return [{run: dict(zip(SIGNALS, values, strict=True)) for run, values in table.items()} for table in tables]

@@ -10,6 +10,7 @@ import numpy as np
 
 from edhas_jax.core import structs
 from edhas_jax.core.structs import Parameter
+from edhas_jax.diagnosis.laws.added_terms import AddedTerm
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.fit_problem import CALIBRATION_BOUND, FitProblem, limit_to_prior_bound
 from edhas_jax.inference.fit.starts import spread_points
@@ -158,6 +159,18 @@ class FreeTerm(Candidate):
     def title(self) -> str:
         """See `Candidate.title`."""
         return self.text
+
+    def effect(self) -> Effect:
+        """The term as an effect, without influence at first."""
+        return self.kind()
+
+    def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
+        """The machine with the term, without influence at first."""
+        return structs.replace(machine, effects=(*machine.effects, self.effect())), instruments
+
+    def added(self, campaign: Campaign) -> AddedTerm:
+        """The term and its unknowns, for the derivatives of the signals."""
+        return AddedTerm(self.effect(), self.unknowns(campaign))
 
 
 def candidates_for(

@@ -12,19 +12,18 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from edhas_jax.core import structs
 from edhas_jax.diagnosis.candidates.candidate import FreeTerm
-from edhas_jax.diagnosis.laws.added_terms import AddedTerm, Columns, added_slopes
+from edhas_jax.diagnosis.laws.added_terms import Columns, added_slopes
 from edhas_jax.diagnosis.laws.curve_prior import smooth_shapes
 from edhas_jax.diagnosis.laws.curve_start import start_from_nothing
 from edhas_jax.diagnosis.laws.law_curve import LawCurve
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import LawSamples, law_samples, samples_at_slots
 from edhas_jax.inference.fit.fit import Fit
+from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, tabulated_class
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign
-from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.unknown_parameters import ShapeCoefficient, UnknownParameter
 
 PREDICTED = 6  # of the shapes, the smoothest, whose signatures are simulated; the others have 3 % of the variance
@@ -47,9 +46,10 @@ class CurveCandidate(FreeTerm):
         over = " · ".join(["a curve over " + self.place.variable, *self.place.factors])
         return f"{over} as {self.place.slot}".replace("_", " ")
 
-    def mounted(self, machine: Rig, instruments: Instruments) -> tuple[Rig, Instruments]:
-        """The machine with the curve, without influence at first."""
-        return structs.replace(machine, effects=(*machine.effects, self._neutral().effect())), instruments
+    def effect(self) -> Effect:
+        """See `FreeTerm.effect`."""
+        nodes = np.array(self.nodes)
+        return LawTable(self.id, self.place, nodes, np.full(len(nodes), self.place.neutral)).effect()
 
     def unknowns(self, campaign: Campaign) -> list[UnknownParameter]:
         """The coefficients of the shapes as unknowns, with a standard normal prior each."""
@@ -72,13 +72,6 @@ class CurveCandidate(FreeTerm):
     def nearest(self, values: np.ndarray) -> np.ndarray:
         """The coefficients (k,) of the curve that comes nearest to values at the nodes (n,), in prior deviations."""
         return np.linalg.lstsq(self.shapes, values, rcond=None)[0]
-
-    def term(self, campaign: Campaign) -> AddedTerm:
-        """The curve without influence, and its unknowns."""
-        return AddedTerm(self._neutral().effect(), self.unknowns(campaign))
-
-    def _neutral(self) -> LawTable:
-        return LawTable(self.id, self.place, np.array(self.nodes), np.full(len(self.nodes), self.place.neutral))
 
     def table(self, fit: Fit, origin: str = "") -> LawTable:
         """The curve as fitted, with its standard errors.
@@ -132,7 +125,7 @@ def curves_with_slopes(fit: Fit, report: Callable[[str], None]) -> Iterator[tupl
     for first in range(0, len(curves), GROUP):
         some = curves[first : first + GROUP]
         report(f"looking for free curves, {first + len(some)} of {len(curves)}")
-        terms = [curve.term(fit.problem.campaign) for curve in some]
+        terms = [curve.added(fit.problem.campaign) for curve in some]
         slopes = added_slopes(fit, [term._replace(unknowns=term.unknowns[:PREDICTED]) for term in terms])
         yield from zip(some, slopes, strict=True)
 

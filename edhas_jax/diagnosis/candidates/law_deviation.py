@@ -18,7 +18,7 @@ import numpy as np
 from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
 from edhas_jax.diagnosis.candidates.memory_term import MemoryTerm, memory_class
-from edhas_jax.diagnosis.laws.added_terms import AddedTerm, Columns, added_slopes
+from edhas_jax.diagnosis.laws.added_terms import Columns, added_slopes
 from edhas_jax.diagnosis.laws.curve_basis import basis, free_nodes
 from edhas_jax.diagnosis.laws.curve_start import start_beside_law
 from edhas_jax.diagnosis.laws.law_places import law_places
@@ -139,7 +139,7 @@ def law_deviation_columns(fit: Fit, accepted: Sequence[Candidate]) -> list[dict[
 
 def curve_columns(fit: Fit, deviation: LawDeviation) -> Columns | None:
     """The change of the signals by one prior standard deviation of each shape; None where that is not finite."""
-    return _finite(*added_slopes(fit, [deviation.term(fit.problem.campaign)]))
+    return _finite(*added_slopes(fit, [deviation.added(fit.problem.campaign)]))
 
 
 def memory_columns(fit: Fit, candidate: Candidate) -> Columns | None:
@@ -164,7 +164,7 @@ def memory_columns(fit: Fit, candidate: Candidate) -> Columns | None:
     if not (past > 0.0 and size > 0.0 and np.isfinite(size)):
         return None
     term = MemoryTerm(memory_class(place), None, place, DEVIATION_SHARE * float(size / past))
-    return _finite(*added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(fit.problem.campaign))]))
+    return _finite(*added_slopes(fit, [term.added(fit.problem.campaign)]))
 
 
 def _finite(columns: Columns) -> Columns | None:

@@ -25,7 +25,7 @@ import numpy as np
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.diagnosis.candidates.candidate import FreeTerm
-from edhas_jax.diagnosis.laws.added_terms import AddedTerm, Columns, added_slopes
+from edhas_jax.diagnosis.laws.added_terms import Columns, added_slopes
 from edhas_jax.diagnosis.laws.law_places import law_places
 from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
 from edhas_jax.inference.fit.fit import Fit
@@ -166,6 +166,5 @@ def memories_with_slopes(fit: Fit, report: Callable[[str], None]) -> list[tuple[
     for term, class_at, place in kinds:
         if (past := float(np.std(samples[place.slot].values[place.variable]))) > 0.0:
             terms.append(term(class_at(place), None, place, place.declaration.typical_size / past))
-    campaign = fit.problem.campaign
-    found = added_slopes(fit, [AddedTerm(term.kind(), term.unknowns(campaign)) for term in terms])
+    found = added_slopes(fit, [term.added(fit.problem.campaign) for term in terms])
     return list(zip(terms, found, strict=True))

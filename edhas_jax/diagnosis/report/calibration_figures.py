@@ -110,4 +110,3 @@ def _annotated_matrix(values: np.ndarray, columns: list[str], rows: list[str], l
     axes.spines[:].set_visible(False)
     figure.suptitle(title, fontsize=10, x=0.01, ha="left", color=INK)
     return figure
-

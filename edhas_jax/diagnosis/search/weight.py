@@ -93,7 +93,7 @@ class Weighing:
         return self.at(fitted.misfit, *counts(fitted.members))
 
     def at(self, misfit: float, named: int, free: int) -> float:
-        """The same of a set with this misfit [nats] and so many named members and free terms."""
+        """The same from the misfit [nats] of a set and its numbers of named members and of free terms."""
         log_prior = named * self._log_named + free * self._log_free
         return log_student(misfit - self._least, self.constants.freedoms) + log_prior
 

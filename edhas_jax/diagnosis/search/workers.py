@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from edhas_jax.core.source_location import is_users_code
 from edhas_jax.core.trusted_code import TrustedCode
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.machine.effects.loading import class_spec, load_user_class, trusted_as_loaded
@@ -58,7 +59,7 @@ class Workers:
 def own_classes(parts: Iterable[Any]) -> tuple[type, ...]:
     """The classes of some parts of a machine, or among some classes, that do not belong to the package."""
     kinds = dict.fromkeys(part if isinstance(part, type) else type(part) for part in parts)
-    return tuple(kind for kind in kinds if not kind.__module__.startswith("edhas_jax."))
+    return tuple(kind for kind in kinds if is_users_code(kind))
 
 
 class _Pickler(pickle.Pickler):

@@ -175,8 +175,8 @@ class Fit:
         machine, values, parameters = self.problem.machine, self.values, {}
         for u in (u for u in self.problem.unknowns if not u.run and self.problem.instruments.find(u.name) is None):
             if isinstance(u, ShapeCoefficient):
-                former = {n: parameters.get(n, float(get_parameter(machine, n))) for n in u.parameters}
-                parameters |= {n: former[n] + slope * values[u.name] for n, slope in u.weights}
+                present = {n: parameters.get(n, float(get_parameter(machine, n))) for n in u.parameters}
+                parameters |= u.added_to(present, values[u.name])
             else:
                 parameters[u.name] = values[u.name]
         return set_parameters(machine, parameters)
