@@ -55,7 +55,8 @@ def run_job(job: Job) -> str:
     found = edhas.diagnose(case.campaign, case.own_library, library=case.library)
     sets = sets_as_json(found, case.truth)
     job.file.parent.mkdir(parents=True, exist_ok=True)
-    atomic_write(job.file, json.dumps(sets, indent=1))
+    with atomic_write(job.file) as temporary:
+        temporary.write_text(json.dumps(sets, indent=1) + "\n", encoding="utf-8")
     return f"{job.key}: {' + '.join(case.truth.names) or 'nothing'} → {found.posterior.best}"
 
 
