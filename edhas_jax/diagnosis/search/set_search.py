@@ -310,7 +310,9 @@ class SetSearch:
         The curve may be the law of that effect, however little its signature at another size predicts.
         """
         free = next((c for c in best.members if isinstance(c, FreeTerm)), None)
-        return free is not None and move.to.key == best.key - {free.name} and move.added.location == free.location
+        if free is None or isinstance(move.added, FreeTerm):
+            return False
+        return move.to.key == best.key - {free.name} and move.added.location == free.location
 
     @staticmethod
     def _is_curve_beside_law(move: Move, best: FittedSet, chosen: Sequence[Move]) -> bool:
