@@ -9,14 +9,16 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
 from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
-from edhas_jax.diagnosis.search.set_search import FittedSet, SetSearch
+from edhas_jax.diagnosis.search.set_search import FittedSet, Move, SetSearch
 from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, log_student
 from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.inference.fit.fit_problem import calibration_problem
-from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation
+from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation, SupplySag
+from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 LIBRARY = (InverterDeadTime, MagneticSaturation, EddyDrag, CoggingForce)
@@ -181,3 +183,21 @@ def test_a_best_fit_is_not_gone_on_for_ever_where_only_its_cost_falls(monkeypatc
     search.weight.note(known)
     search._go_on()
     assert len(calls) == 1 and search.sets[known.key] is known
+
+
+def test_effects_of_the_component_of_a_free_curve_are_fitted_in_its_place_but_no_other_curve():
+    """However little their signatures predict: far from the calibrated model a law may do far more."""
+
+    def curve_of(variable):
+        place = LawPlace("supply_voltage_change", variable)
+        return CurveCandidate(tabulated_class(f"curve_over_{variable}", place, 3), place=place, nodes=(-1.0, 0.0, 1.0))
+
+    curve, empty = curve_of("current"), FittedSet((), None, None, 9000.0, 60.0, 8500.0, 1000)
+    best = FittedSet((curve,), None, None, 600.0, 60.0, 10.0, 1000)
+    search = SetSearch.__new__(SetSearch)
+    search.sets, search.weight, search._failed = {of.key: of for of in (empty, best)}, Weighing(3, 3, 1000), set()
+    added = [curve_of("voltage"), Candidate(CoggingForce), Candidate(SupplySag)]
+    empty.moves, best.moves = [Move(empty, of, np.zeros(0), np.zeros(0), 10.0) for of in added], []
+    for of in search.sets.values():
+        search.weight.note(of)
+    assert [move.added.name for move in search._moves(best)] == ["supply_sag"]
