@@ -74,8 +74,7 @@ def accuracy_lines(accuracy: BenchAccuracy, signals: Mapping[str, Signal]) -> li
     if accuracy == BenchAccuracy():
         return []
     lines = ["accuracy:   # standard deviations", f"  trigger: {exact_quantity(accuracy.trigger, 's')}"]
-    if accuracy.clock_error is not None:
-        lines.append(f"  clock_error: {exact_quantity(accuracy.clock_error, 's')}")
+    lines.append(f"  clock_error: {exact_quantity(accuracy.clock_error, 's')}")
     if accuracy.recorder_filter != BenchAccuracy().recorder_filter:
         lines.append(f"  recorder_filter: {accuracy.recorder_filter!r}")
     lines += ["  settings:"] if accuracy.settings else []

@@ -105,7 +105,8 @@ def sensor_keys(unit: str, offset: str) -> Keys:
 _SENSOR = sensor_keys("Pa", "2 kPa")
 ACCURACY = Keys({
     "trigger": Key(deviation("s", "0.2 ms"), "of the start of a record", BenchAccuracy().trigger, shown="0.2 ms"),
-    "clock_error": Key(deviation("s", "20 us"), "of the time stamps, changing slowly", shown="found"),
+    "clock_error": Key(deviation("s", "20 us"), "of the time stamps, changing slowly", BenchAccuracy().clock_error,
+                       shown="50 µs"),
     "recorder_filter": Key(deviation("-", "0"), "of the weight of an anti-alias filter; 0 without one",
                            BenchAccuracy().recorder_filter, shown="1"),
     "settings": Key(by_name(share("0.5 %"), "{load_orifice_area: 0.5 %}", "parameter"), "of conditions of the runs"),

@@ -40,7 +40,7 @@ signals:                 # unit in the files; `noise` (standard deviation in tha
 {signals}  # if the column has another name: current: {{unit: A, noise: 0.02, column: i_coil}}
 # accuracy:              # standard deviations, where they differ from these; 0 is exact
 #   trigger: 0.2 ms      # of the start of each record
-#   clock_error: 20 us   # of time stamps within a record; where left out it is 0, unless the records show an error
+#   clock_error: 50 us   # of time stamps within a record, changing slowly
 #   settings: {{load_orifice_area: 0.5 %, coil_resistance: 0.5 %}}                  # of each run
 #   signals: {{outlet_pressure: {{gain: 0.3 %, offset: 2 kPa, shift: 20 us}}}}      # of each sensor, for all runs
 runs:                    # fit: to estimate parameters; holdout: to validate. Conditions are parameters of the machine

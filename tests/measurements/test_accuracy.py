@@ -28,7 +28,7 @@ def measured_campaign(**accuracy):
 
 def test_every_signal_and_setting_has_a_default():
     accuracy = measured_campaign().accuracy
-    assert accuracy.trigger == 2e-4 and accuracy.clock_error is None
+    assert accuracy.trigger == 2e-4 and accuracy.clock_error == 5e-5
     assert accuracy.signals["current"].offset == pytest.approx(2e-3, rel=0.01)
     assert accuracy.signals["voltage"].offset == 0.05  # in no run: its noise
     assert accuracy.settings == {"frequency": 0.0, "load_orifice_area": 0.005} | dict.fromkeys(
@@ -44,12 +44,11 @@ def test_stated_accuracy_takes_precedence():
     assert accuracy.settings["coil_resistance"] == 0.0 and accuracy.settings["load_orifice_area"] == 0.005
 
 
-@pytest.mark.parametrize("error", [None, 0.0, 2e-5])
+@pytest.mark.parametrize("error", [0.0, 2e-5])
 def test_the_error_of_the_clock_is_written_and_read(tmp_path, error):
-    """0 states an exact clock; None states nothing, so that the diagnosis may find that the clock is wrong."""
+    """0 states an exact clock."""
     campaign = measured_campaign(clock_error=error)
     write_campaign(dataclasses.replace(campaign, channels={"current": campaign.channels["current"]}), tmp_path)
-    assert ("clock_error" in (tmp_path / "campaign.yaml").read_text()) == (error is not None)
     assert read_campaign(tmp_path).stated_accuracy.clock_error == error
 
 

@@ -26,7 +26,7 @@ from edhas_jax.design.sweep.identity import effect_code, versions
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.fit_problem import calibration_problem
-from edhas_jax.inference.fit.time_correction import with_clock_error, with_corrected_time
+from edhas_jax.inference.fit.time_correction import with_corrected_time
 from edhas_jax.inference.fit.unpredictable_part import with_unpredictable_part
 from edhas_jax.inference.likelihood.bench_estimate import BenchEstimate
 from edhas_jax.inference.likelihood.residual_outliers import without_missing
@@ -151,8 +151,7 @@ def fit_as_plain(evaluated: EvaluatedFit, arrays: dict[str, np.ndarray]) -> dict
         {
             "fit": evaluated.fit, "residuals": evaluated.residuals, "bench": evaluated.bench,
             "solver_error": problem.solver_error, "time_errors": problem.time_errors,
-            "clock_error": problem.campaign.accuracy.clock_error, "tightening": problem.campaign.tightening,
-            "unpredictable": problem.campaign.unpredictable,
+            "tightening": problem.campaign.tightening, "unpredictable": problem.campaign.unpredictable,
         },
         arrays,
     )  # fmt: skip
@@ -188,7 +187,6 @@ def fit_of_plain(campaign: Campaign, plain: Mapping[str, Any], arrays: Mapping[s
     """
     found = _from_plain(plain, arrays)
     errors, residuals, fit = found["time_errors"], found["residuals"], found["fit"]
-    campaign = with_clock_error(campaign, found["clock_error"])
     campaign = with_corrected_time(campaign, errors) if errors else campaign
     campaign = without_missing(dataclasses.replace(campaign, tightening=found["tightening"]), residuals)
     problem = calibration_problem(with_unpredictable_part(campaign, found["unpredictable"]))

@@ -99,12 +99,6 @@ def _corrected(run: BenchRun, coefficients: TimeError) -> BenchRun:
     return dataclasses.replace(run, time=time, signals=signals)
 
 
-def with_clock_error(campaign: Campaign, size: float | None) -> Campaign:
-    """The campaign with another accuracy [s] of the clock of its recorder, see `BenchAccuracy.clock_error`."""
-    stated = dataclasses.replace(campaign.stated_accuracy, clock_error=size)
-    return dataclasses.replace(campaign, stated_accuracy=stated)
-
-
 def best_common_shift(
     problem: FitProblem, x: np.ndarray, outcomes: Sequence[PredictedSignals], grid: Sequence[float],
     min_gain: float = 0.0,
@@ -149,11 +143,6 @@ def cost_with_time_errors(
         values = {n: CubicSpline(run.time, v)(at) for n, v in outcome.values.items()}
         slopes = {n: CubicSpline(run.time, v)(at) for n, v in outcome.sensitivities.items()}
         corrected.append(PredictedSignals(values, slopes))
-    return cost_after_step(problem, x, corrected)
-
-
-def cost_after_step(problem: FitProblem, x: np.ndarray, outcomes: Sequence[PredictedSignals]) -> float:
-    """½χ² after a linear step of the unknowns from a point x (n,), with the signals and sensitivities there."""
-    model = quadratic_model(problem, x, problem.equations(outcomes))
+    model = quadratic_model(problem, x, problem.equations(corrected))
     gradient = model.gradient[0]
     return float(model.cost[0] - 0.5 * gradient @ regularised_inverse(model.curvature[0]) @ gradient)
