@@ -14,13 +14,14 @@ from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
 from edhas_jax.diagnosis.search.set_search import FittedSet, Move, SetSearch
-from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, log_student
+from edhas_jax.diagnosis.search.weight import Weighing, WeightConstants, log_student
 from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation, SupplySag
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
+NUMBERS = WeightConstants(freedoms=30.0, law_error=0.01, least_error=10.0)
 LIBRARY = (InverterDeadTime, MagneticSaturation, EddyDrag, CoggingForce)
 
 
@@ -105,10 +106,10 @@ def test_a_fit_without_misfit_has_no_background(model):
 
 
 def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
-    assert log_student(1.0) - log_student(2.0) == pytest.approx(1.0, abs=0.1)
-    halved = 0.5 * WEIGHT.freedoms * np.log(2.0)
-    assert log_student(1e5) - log_student(2e5) == pytest.approx(halved, rel=1e-3)
-    assert log_student(1e6) - log_student(2e6) == pytest.approx(halved, rel=1e-3)
+    assert log_student(1.0, 30.0) - log_student(2.0, 30.0) == pytest.approx(1.0, abs=0.1)
+    halved = 15.0 * np.log(2.0)
+    assert log_student(1e5, 30.0) - log_student(2e5, 30.0) == pytest.approx(halved, rel=1e-3)
+    assert log_student(1e6, 30.0) - log_student(2e6, 30.0) == pytest.approx(halved, rel=1e-3)
 
 
 def a_set(weight, *kinds):
@@ -132,16 +133,16 @@ def test_the_empty_set_is_an_unknown_cause_where_it_leaves_much():
 
 def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
     """Where no set is at the noise, a fall counts by its share; where one is, by its nats."""
-    weight = Weighing(1, 1, 1000)
+    weight = Weighing(1, 1, 1000, NUMBERS)
     far, farther = (FittedSet((), None, None, misfit, 100.0, misfit, 1000) for misfit in (4e5, 8e5))
     weight.note(far), weight.note(farther)
-    assert weight.of(far) - weight.of(farther) == pytest.approx(0.5 * WEIGHT.freedoms * np.log(2.0), rel=1e-2)
+    assert weight.of(far) - weight.of(farther) == pytest.approx(15.0 * np.log(2.0), rel=1e-2)
     at_noise = FittedSet((), None, None, 550.0, 60.0, 0.0, 1000)
-    weight = Weighing(1, 1, 1000)
+    weight = Weighing(1, 1, 1000, NUMBERS)
     weight.note(at_noise)
-    assert weight.of(at_noise) == pytest.approx(log_student(WEIGHT.least_error))
+    assert weight.of(at_noise) == pytest.approx(log_student(10.0, 30.0))
     assert weight.at(551.0, 0, 0) - weight.of(at_noise) == pytest.approx(
-        -1.0 / (1.0 + 2.0 * WEIGHT.least_error / WEIGHT.freedoms), rel=0.05
+        -1.0 / (1.0 + 20.0 / 30.0), rel=0.05
     )
 
 
@@ -149,7 +150,7 @@ def test_what_a_set_explains_decides_how_much_its_laws_may_leave():
     """Beside a cause that explains much, a fall of the misfit that is far below a hundredth of it counts little."""
     gains = []
     for of_nothing in (2e3, 2e6):
-        weight = Weighing(1, 1, 1000)
+        weight = Weighing(1, 1, 1000, NUMBERS)
         weight.note(FittedSet((), None, None, of_nothing, 60.0, of_nothing, 1000))
         weight.note(dataclasses.replace(a_set(1.0, EddyDrag), misfit=550.0, numbers=60.0, excess=0.0))
         gains.append(weight.at(550.0, 0, 0) - weight.at(570.0, 0, 0))
