@@ -1,9 +1,5 @@
-"""The program `edhas`: reads the command line, runs one command and reports wrong input in one message.
+"""The program `edhas`: reads the command line, runs one command and reports wrong input in one message."""
 
-No command imports JAX, pandas, matplotlib or SciPy before it runs, so that `edhas --help` answers at once.
-"""
-
-import argparse
 import contextlib
 import importlib
 import os
@@ -12,24 +8,14 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator
-from types import ModuleType
 
 import edhas_jax
+from edhas_jax.commands.command_line import WRONG_INPUT, make_parser
 from edhas_jax.commands.interruption import KEPT, STATUS_INTERRUPTED, Interruption
 from edhas_jax.commands.terminal import plain_characters
 from edhas_jax.core.literal_text import terminal_text
 
-STATUS_USER_ERROR = 2
 MAX_QUOTED = 200  # characters of a name in a message
-# in the order of the help
-COMMANDS = (
-    "new", "examples", "simulate", "sweep", "plot", "sensitivity", "size", "campaign", "compare", "fit", "diagnose",
-    "add", "plan", "export", "workbench", "check", "parameters", "effects", "schema", "device", "trust", "completion",
-)  # fmt: skip
-EPILOG = (
-    "A first run: edhas new pump, then edhas simulate my_pump.yaml. Exit status: 0 done; 1 a check found something; "
-    "2 wrong input; 3 the result is not valid; 4 a fit has not converged; 130 interrupted."
-)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -78,7 +64,7 @@ def _run(arguments: list[str], interruption: Interruption) -> int:
     # a name that is no text in UTF-8 reaches Python with surrogates, and cannot be written into any result
     if wrong := next((text for text in arguments if re.search("[\x00\ud800-\udfff]", text)), None):
         print(f"edhas: {_shortened(wrong)!r} is no name in UTF-8; rename the file or folder", file=sys.stderr)
-        return STATUS_USER_ERROR
+        return WRONG_INPUT
     began, parser = time.monotonic(), make_parser()
     if not arguments:
         parser.print_help()
@@ -88,7 +74,8 @@ def _run(arguments: list[str], interruption: Interruption) -> int:
     try:
         with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
             _prepare_process()
-            return options.command(options) or 0
+            module, _, function = options.run.partition(".")
+            return getattr(importlib.import_module(f"edhas_jax.commands.{module}"), function)(options) or 0
     except Exception as error:
         if interruption.asked or isinstance(error, BrokenPipeError):
             raise
@@ -104,7 +91,7 @@ def _report(error: Exception) -> int:
         print(f"edhas: {terminal_text(place)}{error.strerror or error}", file=sys.stderr)
     else:
         raise error
-    return STATUS_USER_ERROR
+    return WRONG_INPUT
 
 
 def _shortened(text: str) -> str:
@@ -141,21 +128,6 @@ def _import_matplotlib_elsewhere() -> None:
         importlib.import_module("matplotlib")
     finally:
         os.chdir(here)
-
-
-def command_modules() -> list[ModuleType]:
-    """The modules of all commands, in the order of the help."""
-    return [importlib.import_module(f"edhas_jax.commands.{name}") for name in COMMANDS]
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
-    parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__, epilog=EPILOG)
-    parser.add_argument("--version", action="version", version=f"edhas_jax {edhas_jax.__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for module in command_modules():
-        module.add_parser(commands)
-    return parser
 
 
 def user_errors() -> tuple[type[Exception], ...]:

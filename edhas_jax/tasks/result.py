@@ -46,14 +46,21 @@ class Result(abc.ABC):
         Raises:
             ResultFileError: it exists and `overwrite` is false, or it cannot be written.
         """
-        folder = Path(folder)
-        files = self.reserve(folder, overwrite)
-        with report_write_errors(folder):
+        self.write(self.reserve(Path(folder), overwrite))
+        return Path(folder)
+
+    def write(self, files: ResultFiles) -> Sequence[str]:
+        """Write the result into the folder of `files`, which `reserve` has given; a sentence on each part that failed.
+
+        Raises:
+            ResultFileError: it cannot be written.
+        """
+        with report_write_errors(files.folder):
             files.begin()
-            self.write_files(folder)
-            self.write_summary(folder)
+            failures = self.write_files(files.folder)
+            self.write_summary(files.folder)
             files.finish()
-        return folder
+        return failures
 
     @classmethod
     def reserve(cls, folder: Path, overwrite: bool) -> ResultFiles:
