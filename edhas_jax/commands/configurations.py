@@ -46,7 +46,7 @@ def sweep(options) -> None:
     """
     from edhas_jax.design.sweep.config import load_sweep
     from edhas_jax.design.sweep.run import stream_sweep, sweep_parts
-    from edhas_jax.design.sweep.sweep_summary import summary_of_parts
+    from edhas_jax.design.sweep.table import summary_of_parts
 
     sweep = load_sweep(options.config, own_code(options))
     require_own_code(options, sweep.machine)

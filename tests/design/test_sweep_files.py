@@ -15,7 +15,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.design.sweep import chunk_job
-from edhas_jax.design.sweep.manifest import SweepError
+from edhas_jax.design.sweep.folder import SweepError
 from tests.support import CONFIGS
 
 TEXT = f"""

@@ -15,8 +15,7 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.source_location import first_line
 from edhas_jax.core.summary import Summary
 from edhas_jax.design.sweep.figures import draw_sweep
-from edhas_jax.design.sweep.sweep_summary import sweep_summary
-from edhas_jax.design.sweep.table import NOT_RUN, Field, SweepResult
+from edhas_jax.design.sweep.table import NOT_RUN, Field, SweepResult, summary_of_parts
 from edhas_jax.simulation.validity import REASONS, Status
 
 DESIGN = "design"  # the dimension of designs that are no grid
@@ -45,7 +44,7 @@ class SweepData(xr.Dataset):
 
     def summary(self) -> Summary:
         """How many designs ended with which status, and the range of each parameter and metric."""
-        return sweep_summary(self.result())
+        return summary_of_parts([self.result()])
 
     def plot_heat(self, metric: str | None = None, x: str | None = None, y: str | None = None, **options: Any):
         """A matplotlib figure: a metric over two parameters; arguments as of `draw_sweep`.

@@ -15,12 +15,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from edhas_jax.design.batch.batch import plan_chunks
-from edhas_jax.design.sweep.chunk_files import each_chunk_file
 from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
 from edhas_jax.design.sweep.config import Sweep
-from edhas_jax.design.sweep.folder import DESIGNS_FILE, SweepFolder
+from edhas_jax.design.sweep.folder import (
+    DESIGNS_FILE,
+    SweepError,
+    SweepFolder,
+    each_chunk_file,
+    open_listed_file,
+    read_manifest,
+)
 from edhas_jax.design.sweep.identity import machine_text, user_code
-from edhas_jax.design.sweep.manifest import SweepError, open_listed_file, read_manifest
 from edhas_jax.design.sweep.table import TABLE_FILE, TEXT_COLUMNS, SweepResult, to_result, with_results
 from edhas_jax.machine.interface.metrics import in_order
 

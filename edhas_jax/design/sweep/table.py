@@ -1,15 +1,19 @@
-"""Table of a sweep: a row per design with parameters and metrics in SI, and their units in the schema."""
+"""Table of a sweep: a row per design with parameters and metrics in SI, their units in the schema; its summary."""
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 
-from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
+from edhas_jax.core.units import display_unit, format_result, from_si
 from edhas_jax.machine.interface.metrics import in_order, metrics_of_batch
 from edhas_jax.machine.metrics import METRICS
 from edhas_jax.machine.parameters import find_parameter
@@ -20,6 +24,7 @@ TABLE_FILE = "table.parquet"
 DECLARED = b"metrics"  # in the schema of a table of designs: what is known of each metric of their machine
 TEXT_COLUMNS = ["status", "reason"]  # a few texts many times: read as numbers of a dictionary
 NOT_RUN = "not_run"
+WINDOW = 131_072  # designs: a row group of the table
 CONVERGENCE_COLUMNS = {
     "cycles": "cycles that were run",
     "residual": "larger change of the metrics over the last two cycles",
@@ -158,3 +163,94 @@ def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | No
     }
     parameters, metrics = (tuple(n for n, t in metadata.items() if t.get("role") == r) for r in ("parameter", "metric"))
     return SweepResult(to_frame(data, copy=whole is None), parameters, metrics, fields, manifest)
+
+
+class Window(NamedTuple):
+    """The results of consecutive designs: the first one's row, and by metric the values (SI) of all."""
+
+    first: int
+    metrics: dict[str, np.ndarray]
+
+
+def windows(
+    rows: Sequence[np.ndarray], read: Callable[[int], Mapping[str, np.ndarray]], count: int, size: int | None = None
+) -> Iterator[Window]:
+    """The results of all designs in their order.
+
+    A chunk is read when its first design is reached and forgotten after its last one.
+
+    Args:
+        rows: by chunk the rows of its designs in the table, ascending.
+        read: the results of a chunk, by its number.
+        count: of all designs.
+        size: designs of a window; None: `WINDOW`.
+    """
+    size = size or WINDOW
+    waiting = sorted(range(len(rows)), key=lambda number: -int(rows[number][0]))
+    here: dict[int, Mapping[str, np.ndarray]] = {}
+    for first in range(0, count, size):
+        last = min(first + size, count)
+        while waiting and rows[waiting[-1]][0] < last:
+            number = waiting.pop()
+            here[number] = read(number)
+        metrics: dict[str, np.ndarray] = {}
+        for number, columns in here.items():
+            begin, end = np.searchsorted(rows[number], (first, last))
+            for name, column in columns.items():
+                target = metrics.setdefault(name, np.full(last - first, np.nan))
+                target[rows[number][begin:end] - first] = column[begin:end]
+        here = {number: columns for number, columns in here.items() if rows[number][-1] >= last}
+        yield Window(first, metrics)
+
+
+def write_table(designs: pa.Table, parts: Iterable[Window], file: Path) -> None:
+    """Write the table of a sweep.
+
+    Args:
+        designs: the designs, a row each.
+        parts: their results, as `windows` gives them.
+        file: to be written.
+    """
+    writer = None
+    try:
+        for first, metrics in parts:
+            part = with_results(designs.slice(first, len(metrics["status"])), metrics)
+            writer = writer or pq.ParquetWriter(file, part.schema)
+            writer.write_table(part, row_group_size=WINDOW)
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def summary_of_parts(parts: Iterable[SweepResult]) -> Summary:
+    """The summary of a result that comes in parts; one part is in memory at a time."""
+    statuses: Counter[tuple[str, str]] = Counter()
+    ends, part, total = [], None, 0
+    for part in parts:
+        total += len(part.frame)
+        statuses.update(part.frame.groupby(["status", "reason"], sort=False).size().to_dict())
+        numbers = part.frame[[*part.parameters, *part.metrics]].astype(float)
+        ends.append(numbers.where(np.isfinite(numbers)).agg(["min", "max"]))
+    if part is None:
+        raise ValueError("a sweep without designs")
+    low, high = (found := pd.concat(ends)).min(), found.max()
+    tones = {"ok": Tone.GOOD, NOT_RUN: Tone.CAUTION}
+    counts = [(status, int(n), reason) for (status, reason), n in statuses.items()]
+    rows = [(Toned(s, tones.get(s, Tone.BAD)), f"{n:,}", reason) for s, n, reason in counts]
+    records = [{"status": s, "designs": n, "meaning": reason} for s, n, reason in counts]
+    ranges = [
+        {"name": name, "role": role, "from": low[name], "to": high[name], "unit": part.fields[name][0]}
+        for role, names in (("parameter", part.parameters), ("metric", part.metrics))
+        for name in names
+        if np.isfinite(low[name])
+    ]
+    texts = []
+    for r in ranges:
+        about = part.fields[r["name"]]
+        ends = (format_result(float(r[end]), about.unit, about.shown) for end in ("from", "to"))
+        texts.append((r["name"], r["role"], *ends))
+    title = f"{part.manifest.get('name') or 'sweep'}: {total:,} designs of {', '.join(part.parameters)}"
+    return Summary(title, (
+        SummaryTable.of("statuses", ("status", "designs", "meaning"), rows, records),
+        SummaryTable.of("ranges", ("name", "", "from", "to"), texts, ranges),
+    ))  # fmt: skip
