@@ -60,43 +60,31 @@ class Constraint:
         return format_result(value, self.unit, self.shown)
 
 
-class ToleranceKind(enum.Enum):
-    """The meaning of the ends of a tolerance."""
-
-    RANGE = "range"
-    DIFFERENCE = "difference"
-    FACTOR = "factor"
-
-
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
-    """The variation of a parameter between manufactured machines or conditions.
+    """The variation of a parameter between manufactured machines or conditions: offset + factor · nominal value.
 
     Attributes:
         name: the parameter.
-        kind: whether the ends are values (SI), differences from the nominal value (SI), or factors on it.
-        low: lower end.
-        high: upper end.
+        offset: at the two ends of the tolerance, SI.
+        factor: likewise.
     """
 
     name: str
-    kind: ToleranceKind
-    low: float
-    high: float
+    offset: tuple[float, float]
+    factor: tuple[float, float]
 
     def apply(self, value, fraction: float):
         """The value (SI) of a machine from the nominal one, at a fraction 0 … 1 of the tolerance."""
-        end = self._end(fraction)
-        return {ToleranceKind.RANGE: end + 0.0 * value, ToleranceKind.DIFFERENCE: value + end,
-                ToleranceKind.FACTOR: value * end}[self.kind]  # fmt: skip
+        return _between(*self.offset, fraction) + _between(*self.factor, fraction) * value
 
     def derivative(self, fraction: float) -> float:
         """The derivative of `apply` by the nominal value."""
-        return {ToleranceKind.RANGE: 0.0, ToleranceKind.DIFFERENCE: 1.0,
-                ToleranceKind.FACTOR: self._end(fraction)}[self.kind]  # fmt: skip
+        return _between(*self.factor, fraction)
 
-    def _end(self, fraction: float) -> float:
-        return self.low + fraction * (self.high - self.low)
+
+def _between(low: float, high: float, fraction: float) -> float:
+    return low + fraction * (high - low)
 
 
 class RobustObjective(enum.Enum):
@@ -285,13 +273,13 @@ def _read_tolerances(file: TaskFile) -> tuple[Tolerance, ...]:
             inside = entry["plus_minus"]
             is_share = str(inside.value).rstrip().endswith("%")
             size = size_in("-" if is_share else p.unit).read(inside)
-            kind, middle = (ToleranceKind.FACTOR, 1.0) if is_share else (ToleranceKind.DIFFERENCE, 0.0)
             if size is not None:
-                tolerances.append(Tolerance(column, kind, middle - size, middle + size))
+                ends = ((0.0, 0.0), (1.0 - size, 1.0 + size)) if is_share else ((-size, size), (1.0, 1.0))
+                tolerances.append(Tolerance(column, *ends))
         elif isinstance(entry.value, Mapping) and set(entry.value) == {"from", "to"}:
             ends = [quantity(p).read(entry[end]) for end in ("from", "to")]
             if None not in ends:
-                tolerances.append(Tolerance(column, ToleranceKind.RANGE, *ends))
+                tolerances.append(Tolerance(column, tuple(ends), (0.0, 0.0)))
         else:
             entry.add("{plus_minus: 3 um}, {plus_minus: 5 %} or {from: 20 degC, to: 60 degC} belongs here")
     return tuple(tolerances)
