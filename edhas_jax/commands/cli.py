@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import os
+import pkgutil
 import re
 import sys
 import time
@@ -16,6 +17,13 @@ from edhas_jax.commands.terminal import plain_characters
 from edhas_jax.core.literal_text import terminal_text
 
 MAX_QUOTED = 200  # characters of a name in a message
+USER_ERRORS = (  # by name, because their modules take long to import
+    "compiler.engines:EngineError", "compiler.gpu.cuda_driver:CudaError", "config.machine_config:ConfigError",
+    "config.result_files:ResultFileError", "core.runtime:CoresError", "core.trusted_code:TrustError",
+    "core.units:UnitError", "export.fmu_inputs:FmuError", "machine.effects:EffectError",
+    "machine.parameters:ParameterError", "machine.rig_base:RigError", "measurements.campaign:CampaignError",
+    "simulation.run:SimulationError", "workbench.workspace:WorkspaceError",
+)  # fmt: skip
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -74,8 +82,7 @@ def _run(arguments: list[str], interruption: Interruption) -> int:
     try:
         with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
             _prepare_process()
-            module, _, function = options.run.partition(".")
-            return getattr(importlib.import_module(f"edhas_jax.commands.{module}"), function)(options) or 0
+            return pkgutil.resolve_name(f"edhas_jax.commands.{options.run}")(options) or 0
     except Exception as error:
         if interruption.asked or isinstance(error, BrokenPipeError):
             raise
@@ -132,26 +139,7 @@ def _import_matplotlib_elsewhere() -> None:
 
 def user_errors() -> tuple[type[Exception], ...]:
     """The errors of wrong input and of a GPU; any other one is a defect of the program and keeps its traceback."""
-    from edhas_jax.compiler.engines import EngineError
-    from edhas_jax.compiler.gpu.cuda_driver import CudaError
-    from edhas_jax.config.machine_config import ConfigError
-    from edhas_jax.config.run_folder import ResultFileError
-    from edhas_jax.core.runtime import CoresError
-    from edhas_jax.core.trusted_code import TrustError
-    from edhas_jax.core.units import UnitError
-    from edhas_jax.export.fmu_inputs import FmuError
-    from edhas_jax.machine.effects import EffectError
-    from edhas_jax.machine.parameters import ParameterError
-    from edhas_jax.machine.rig_base import RigError
-    from edhas_jax.measurements.campaign import CampaignError
-    from edhas_jax.simulation.run import SimulationError
-    from edhas_jax.workbench.workspace import WorkspaceError
-
-    return (
-        CampaignError, ConfigError, CoresError, CudaError, EffectError, EngineError, FmuError,
-        ParameterError, ResultFileError,
-        RigError, SimulationError, TrustError, UnitError, WorkspaceError,
-    )  # fmt: skip
+    return tuple(pkgutil.resolve_name(f"edhas_jax.{name}") for name in USER_ERRORS)
 
 
 if __name__ == "__main__":

@@ -107,6 +107,19 @@ def toned_residual(value: float) -> Toned:
     return Toned(f"{value:.2f}", tone)
 
 
+def errors_table(errors: Mapping[str, Mapping[str, Mapping[str, float]]]) -> SummaryTable:
+    """Residual over noise by state of the model, use of the runs ("fit", "holdout") and signal, a row per signal."""
+    found = {
+        f"{state}, {called}": by_use[use]
+        for use, called in (("fit", "fitted"), ("holdout", "held out"))
+        for state, by_use in errors.items()
+    }
+    signals = next(iter(found.values()))
+    rows = [(n, *("" if n not in column else toned_residual(column[n]) for column in found.values())) for n in signals]
+    records = [{"signal": n, **{title: column.get(n) for title, column in found.items()}} for n in signals]
+    return SummaryTable.of("residual_over_noise", ("signal", *found), rows, records, "residual over noise")
+
+
 def compare(
     campaign: Campaign | Path | str,
     machine: Rig | Config | Mapping[str, Any] | Path | str | None = None,

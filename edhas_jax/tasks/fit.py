@@ -24,7 +24,7 @@ from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.tasks.compare import toned_residual
+from edhas_jax.tasks.compare import errors_table
 from edhas_jax.tasks.result import Result, with_methods
 
 
@@ -54,15 +54,8 @@ class FitResult(Result, Calibration):
         findings = [sentence for sentence in self.findings() if sentence != said]
         warning = [] if said is None else [Toned(said, Tone.BAD)]
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(findings, 1)]
-        return Summary(title, (*warning, self._errors(), self._estimates(), *numbered, *self.failures))
-
-    def _errors(self) -> SummaryTable:
-        columns = [f"{state}, {use}" for use in ("fitted", "held out") for state in ("before", "calibrated")]
-        errors = self.rms_residuals()
-        values = [errors[state][use] for use in ("fit", "holdout") for state in ("before", "calibrated")]
-        rows = [(n, *("" if n not in c else toned_residual(c[n]) for c in values)) for n in values[0]]
-        records = [{"signal": n, **{c: v.get(n) for c, v in zip(columns, values, strict=True)}} for n in values[0]]
-        return SummaryTable.of("residual_over_noise", ("signal", *columns), rows, records, "residual over noise")
+        tables = errors_table(self.rms_residuals()), self._estimates()
+        return Summary(title, (*warning, *tables, *numbered, *self.failures))
 
     def _estimates(self) -> SummaryTable:
         fit, rows, records = self.fit, [], []

@@ -5,8 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.machine_config import Config, as_config
+from edhas_jax.config.machine_config import Config, ConfigError, as_config
 from edhas_jax.config.writer import dump_config
+from edhas_jax.config.yaml_with_lines import YamlError, parse_yaml, read_text_file
 from edhas_jax.core.summary import Summary, SummaryTable
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
@@ -150,9 +151,6 @@ def sensitivity(
 
 def _is_task(path: Path | str) -> bool:
     """Whether a file describes an analysis and not a machine: it names no rig of its own."""
-    from edhas_jax.config.machine_config import ConfigError
-    from edhas_jax.config.yaml_with_lines import YamlError, parse_yaml, read_text_file
-
     try:
         return "rig" not in parse_yaml(read_text_file(Path(path), ConfigError))[0]
     except YamlError:

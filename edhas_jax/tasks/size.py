@@ -165,9 +165,8 @@ def size(
     task = source
     if free is not None:
         machine = as_config(source, trust).machine
-        ranges = {n: (*s[:2], 2, s[2]) if isinstance(s, tuple) and s[2:] == ("log",) else s for n, s in free.items()}
         task = load_sizing({
-            "machine": machine, "free": {n: _without_count(s) for n, s in axes(machine, ranges).items()},
+            "machine": machine, "free": {n: _without_count(s) for n, s in axes(machine, free).items()},
             "objective": {"maximise": _weights(maximise), "minimise": _weights(minimise)},
             "constraints": bounds(machine, constraints), "points": axes(machine, points),
             "robust": tolerances(machine, robust),

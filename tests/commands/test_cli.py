@@ -1,7 +1,7 @@
 """The command line from end to end, run in this process."""
 
-import importlib
 import json
+import pkgutil
 import re
 import signal
 import subprocess
@@ -165,8 +165,7 @@ def test_every_command_has_help(capsys):
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_every_command_has_a_function(command):
-    module, _, function = command.run.partition(".")
-    assert callable(getattr(importlib.import_module(f"edhas_jax.commands.{module}"), function))
+    assert callable(pkgutil.resolve_name(f"edhas_jax.commands.{command.run}"))
 
 
 @pytest.mark.parametrize("arguments", ["effects", "--help", "schema"])

@@ -112,17 +112,16 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     """
     if not runs_designs(machine):
         raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
-    if machine.cycle is None:
-        rows = np.arange(len(next(iter(values.values()))))
-        on_gpu = many_lanes(len(rows), float)
-        return [Chunk(rows[i : i + LONG_TABLE], 0, on_gpu) for i in range(0, len(rows), LONG_TABLE)]
     count = len(next(iter(values.values())))
-    varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
-    frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
-    frequency = np.broadcast_to(frequency, (count,))
-    steps = steps_per_cycle(frequency, settings.step)
-    chunks, on_gpu = [], many_lanes(count, settings.precision.value)
-    length = GPU_TABLE if on_gpu else LONG_TABLE
+    if machine.cycle is None:
+        steps, on_gpu, length = np.zeros(count, int), many_lanes(count, float), LONG_TABLE
+    else:
+        varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
+        frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
+        steps = steps_per_cycle(np.broadcast_to(frequency, (count,)), settings.step)
+        on_gpu = many_lanes(count, settings.precision.value)
+        length = GPU_TABLE if on_gpu else LONG_TABLE
+    chunks = []
     for n in np.unique(steps):
         rows = np.flatnonzero(steps == n)
         chunks += [Chunk(rows[i : i + length], int(n), on_gpu) for i in range(0, len(rows), length)]

@@ -5,7 +5,6 @@ designs than lanes in a vector, each pair of a design and a parameter is a lane 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -16,6 +15,7 @@ from edhas_jax.compiler.multi_jvp import multi_jvp
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_metrics, cycle_step, empty_sums
 from edhas_jax.design.batch.periodic_solver import BatchState
+from edhas_jax.design.batch.run_metrics import own_slopes
 from edhas_jax.design.gradient.fixed_point import (
     Derivatives,
     GradientSettings,
@@ -40,7 +40,7 @@ def forward(
     on_cycle: Callable[[float], None] | None = None,
     state: BatchState | None = None,
 ) -> Derivatives:
-    """Metrics of designs and their derivatives, in forward mode.
+    """Metrics of designs and their derivatives, in forward mode; of whole runs where no sine drives the machine.
 
     Args:
         machine: what the designs have in common.
@@ -53,6 +53,9 @@ def forward(
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
+    if machine.cycle is None:
+        values, slopes, status = own_slopes(machine, columns, names, metrics, settings.run.run_grid(machine))
+        return Derivatives(values, slopes, status, np.zeros(len(status)), 0)
     count = len(next(iter(columns.values())))
     state = periodic_state(base, columns, settings) if state is None else state
     # a thread of a GPU has registers for one tangent at most
@@ -67,25 +70,16 @@ def forward(
                 on_cycle((k + share) / len(loops))
 
         found.append(loop.run(base, columns, state.y, group or names, metrics, settings, report))
-    converged = np.all([part.converged for part in found], axis=0)
+    values, slopes, converged, most = zip(*found, strict=True)
     return Derivatives(
-        found[0].values, {n: np.concatenate([part.slopes[n] for part in found], axis=1) for n in metrics},
-        status_of(base, columns, state, settings, converged), state.cycles, max(part.terms for part in found),
+        values[0], {n: np.concatenate([of[n] for of in slopes], axis=1) for n in metrics},
+        status_of(base, columns, state, settings, np.all(converged, axis=0)), state.cycles, max(most),
     )  # fmt: skip
 
 
 def _groups(names: Sequence[str]) -> list[tuple[str, ...]]:
     """The parameters in as few groups of at most `MOST_TANGENTS` as possible, nearly equal in size."""
     return [tuple(part) for part in np.array_split(np.array(names, object), -(-len(names) // MOST_TANGENTS))]
-
-
-class Tangents(NamedTuple):
-    """Metrics (designs,), their slopes by a group of parameters (designs, parameters), and convergence (designs,)."""
-
-    values: dict[str, np.ndarray]
-    slopes: dict[str, np.ndarray]
-    converged: np.ndarray
-    terms: int
 
 
 class TangentLoop:
@@ -122,8 +116,8 @@ class TangentLoop:
         options |= {"many_lanes": many_lanes}
         self._loop = compile_loop(LoopBody(advance, float, (state, tangents), lane, (machine, 0.0), **options))
 
-    def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle) -> Tangents:
-        """The derivatives by the parameters `names`, from the periodic states `y` of the designs of `columns`."""
+    def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle):
+        """(metrics, their slopes, converged, terms) of designs from their periodic states `y`; slopes by `names`."""
         count, width = len(next(iter(columns.values()))), len(self._tangents)
         scales = np.abs(np.stack([columns[n] for n in names], axis=1)).reshape(-1, width)
         pairs = len(scales) // count
@@ -146,10 +140,8 @@ class TangentLoop:
             on_cycle(1.0 if done.all() else (number + 1) / settings.max_cycles)
             if done.all():
                 break
-        return Tangents(
-            {n: kept[n][::pairs] for n in metrics}, {n: slopes[n].reshape(count, -1) for n in metrics},
-            done.reshape(count, pairs).all(axis=1), number + 1,
-        )  # fmt: skip
+        kept, slopes = {n: kept[n][::pairs] for n in metrics}, {n: slopes[n].reshape(count, -1) for n in metrics}
+        return kept, slopes, done.reshape(count, pairs).all(axis=1), number + 1
 
     def _cycle(self, machine: Rig, values, seeds, y, tangents_y, steps: int):
         """The metrics after a cycle (lanes,), and the tangents of metrics and states (lanes, tangents)."""

@@ -12,7 +12,7 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
 from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.batch.design_table import resolve_parameter
-from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings, derivatives_of_runs
+from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.gradient.reverse import reverse
 from edhas_jax.machine.interface.metrics import metrics_of_batch
@@ -90,9 +90,7 @@ def gradient(
         GradientError: a name or value is wrong, or the machine has no periodic state.
     """
     metrics, names, columns = _parse_request(machine, metrics, parameters, points)
-    if machine.cycle is None:
-        found = derivatives_of_runs(machine, columns, names, metrics, settings)
-    elif mode is Mode.FORWARD:
+    if mode is Mode.FORWARD or machine.cycle is None:
         found = forward(machine, columns, names, metrics, settings, on_cycle)
     else:
         found = reverse(machine, columns, names, metrics, settings)

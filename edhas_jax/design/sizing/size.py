@@ -157,9 +157,7 @@ def _refine(task: SizingTask, problem: SizingProblem, ends: SearchResult, weight
     weights = np.tile(weighting, (len(order), 1))
     if ends.stopped or not feasible.any():
         z = ends.fractions[ends.best]
-        text = "no start meets the constraints"
-        if ends.stopped:
-            text = "interrupted: the best design so far, not refined"
+        text = "interrupted: the best design so far, not refined" if ends.stopped else "no start meets the constraints"
     else:
         refined = slsqp_multistart(problem, ends.fractions[order], SLSQP_ITERATIONS, weights)
         z = refined.fractions[refined.best]

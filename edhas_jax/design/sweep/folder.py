@@ -18,16 +18,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from edhas_jax.config.result_files import LOCK_FILE, ResultFileError, lock_folder
+from edhas_jax.core import checksums
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
-from edhas_jax.core.checksums import (
-    CHECKSUM_KEY,
-    digest,
-    digest_of_file,
-    has_valid_checksum,
-    open_checked,
-    read_checked,
-    with_checksum,
-)
 from edhas_jax.core.regular_file import FileKindError, open_regular_file, read_regular_file
 from edhas_jax.design.batch.batch import Chunk, engine_of_designs
 from edhas_jax.design.sweep.chunk_job import ChunkResult
@@ -58,7 +50,7 @@ def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    text = json.dumps(with_checksum(manifest), indent=2, ensure_ascii=False) + "\n"
+    text = json.dumps(checksums.with_checksum(manifest), indent=2, ensure_ascii=False) + "\n"
     with atomic_write(folder / MANIFEST_FILE) as file:
         file.write_text(text, encoding="utf-8")
 
@@ -73,8 +65,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         manifest = json.loads(read_regular_file(folder / MANIFEST_FILE, MAX_MANIFEST_BYTES).decode("utf-8"))
         later = manifest["format"] > FORMAT_VERSION
-        checked = CHECKSUM_KEY in manifest or manifest["format"] == FORMAT_VERSION
-        if checked and not has_valid_checksum(manifest):
+        checked = checksums.CHECKSUM_KEY in manifest or manifest["format"] == FORMAT_VERSION
+        if checked and not checksums.has_valid_checksum(manifest):
             raise ValueError("its checksum is wrong; the command that made the folder repairs it")
         if later:
             raise SweepError(f"{folder}: written by a later version ({manifest['edhas_jax']}); "
@@ -97,7 +89,7 @@ def open_listed_file(folder: Path, manifest: dict[str, Any], name: str) -> Binar
         OSError: there is such a name, but it cannot be read.
     """
     if manifest["format"] == FORMAT_VERSION:
-        return open_checked(folder / name, manifest.get("files", {}).get(name))
+        return checksums.open_checked(folder / name, manifest.get("files", {}).get(name))
     try:
         return open_regular_file(folder / name)
     except FileNotFoundError:
@@ -132,7 +124,7 @@ def write_chunk_file(folder: Path, sweep: str, rows: np.ndarray, result: ChunkRe
     buffer = pa.BufferOutputStream()
     pq.write_table(data, buffer)
     content = buffer.getvalue().to_pybytes()
-    name = f"{result.number:06d}-{digest(content)}.parquet"
+    name = f"{result.number:06d}-{checksums.digest(content)}.parquet"
     with atomic_write(folder / CHUNKS_FOLDER / name) as file:
         file.write_bytes(content)
     for other in (folder / CHUNKS_FOLDER).glob(f"{result.number:06d}-*.parquet"):
@@ -155,7 +147,7 @@ def each_chunk_file(folder: Path) -> Iterator[tuple[int, Path, ChunkFile | None]
 def read_chunk_file(path: Path) -> ChunkFile | None:
     """The content of a chunk file; None if it is damaged or was changed."""
     try:
-        content = read_checked(path, _CHUNK_NAME.fullmatch(path.name)[2])
+        content = checksums.read_checked(path, _CHUNK_NAME.fullmatch(path.name)[2])
         if content is None:
             return None
         data = pq.read_table(pa.BufferReader(content))
@@ -271,7 +263,7 @@ class SweepFolder:
         with atomic_write(self.path / DESIGNS_FILE) as file:
             pq.write_table(sweep_table(self._sweep.machine, self._sweep.designs), file)
             with file.open("rb") as written:
-                return {DESIGNS_FILE: digest_of_file(written)}
+                return {DESIGNS_FILE: checksums.digest_of_file(written)}
 
     def _create(self) -> None:
         """Write the designs and the manifest of a sweep that begins."""
@@ -326,7 +318,7 @@ class SweepFolder:
             with atomic_write(self.path / TABLE_FILE) as file:
                 write_table(designs, windows(rows, self._results_of, len(self._sweep)), file)
                 with file.open("rb") as written:
-                    checksum = digest_of_file(written)
+                    checksum = checksums.digest_of_file(written)
             manifest = read_manifest(self.path)
             files = manifest["files"] | {TABLE_FILE: checksum}
             changes = {"state": "finished", "finished": _now(), "computed_on": used, "files": files}

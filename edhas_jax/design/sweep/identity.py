@@ -110,11 +110,11 @@ def device(engine: str = "") -> dict[str, str]:
 
 def effect_code(machine: Rig) -> dict[str, str]:
     """By effect `library`, the place of a tabulated law, or the hash of the user's file; so for a user's controller."""
-    tables = {effect.id: table_of(effect) for effect in machine.effects}
-    sources = {effect.id: _code_of(effect) for effect in machine.effects}
-    for name, table in tables.items():
-        if table is not None:
-            sources[name] = " ".join(("table", table.place.slot, table.place.variable, *table.place.factors))
+    sources = {}
+    for effect in machine.effects:
+        place = None if (table := table_of(effect)) is None else table.place
+        words = ("table", place.slot, place.variable, *place.factors) if place else (_code_of(effect),)
+        sources[effect.id] = " ".join(words)
     for part in machine.replaceable_parts():
         if part is machine:
             sources["rig"] = _code_of(machine)
