@@ -105,6 +105,10 @@ QUIET = switch("--quiet", "print nothing but errors")
 PRINTED = switch("--json", "print JSON, numbers in SI, instead of text"), QUIET
 OWN_CODE = own_parts("effect", "controller", "rig")
 OWN_PARTS = own_parts("controller", "rig")  # of a command whose effects are named otherwise
+AFTER_A_FIT = (
+    f"The exit status is {NOT_CONVERGED} if the fit has not converged. Ctrl-C ends the search and keeps the best "
+    "values so far."
+)
 MORE_EFFECTS = "also consider this effect of your own; may be given again"
 # commands with actions: help, and title and placeholder of the list of actions
 GROUPS = {
@@ -118,22 +122,17 @@ COMMANDS = (
         file("path", "file to write, or folder of a campaign (default: my_KIND)", nargs="?"),
         switch("--overwrite", "replace the file if it exists"),
         argument("--rig", metavar="FILE.py:CLASS", help="of a campaign: its rig, one of your own, which may run"),
-        QUIET,
-    )),
+        QUIET)),
     Command("examples", "the examples that come with the package; list or copy them", "beginnings:examples", (
         argument("names", nargs="*", metavar="NAME", help="examples to copy, with what they are based on"),
         switch("--all", "copy all of them"),
-        file("--out", "folder to copy to (default: examples)", default=Path("examples")),
-        *PRINTED,
-    )),
+        file("--out", "folder to copy to (default: examples)", default=Path("examples")), *PRINTED)),
     Command("simulate", "run one machine and write a run folder", "configurations:simulate", (
         CONFIG, overrides("piston_clearance=15um"), *OWN_CODE, *output_folder("runs"),
-        switch("--no-figure", "write no picture"), *PRINTED,
-    )),
+        switch("--no-figure", "write no picture"), *PRINTED)),
     Command("sweep", "run many designs of a machine; the same command resumes", "configurations:sweep", (
         file("config", "configuration of the sweep, YAML"), file("--out", "folder of the result (default: runs/NAME)"),
-        cluster("hand chunks to Dask"), *OWN_CODE, *PRINTED,
-    )),
+        cluster("hand chunks to Dask"), *OWN_CODE, *PRINTED)),
     Command("plot sweep", "heat maps, parallel coordinates and Pareto front of a sweep", "configurations:plot_sweep", (
         file("result", "folder of a sweep, finished or not"),
         argument("--kind", choices=("heat", "parallel", "pareto", "all"), default="all"),
@@ -146,15 +145,11 @@ COMMANDS = (
         switch("--average", "average over the other parameters of a grid instead of slicing"),
         argument("--pareto", nargs=2, metavar="METRIC:DIRECTION",
                  help="two metrics, each :max or :min (default: mean_flow:max mean_electrical_power:min)"),
-        file("--out", "PNG, PDF or SVG to write (default: in the folder of the sweep)"),
-        QUIET,
-    )),
+        file("--out", "PNG, PDF or SVG to write (default: in the folder of the sweep)"), QUIET)),
     Command("sensitivity", "which parameters matter where: elasticities, Sobol, Morris", "configurations:sensitivity", (
-        file("config", "configuration of the analysis, YAML"), *output_folder("runs"), *OWN_CODE, *PRINTED,
-    )),
+        file("config", "configuration of the analysis, YAML"), *output_folder("runs"), *OWN_CODE, *PRINTED)),
     Command("size", "find the dimensions that make a machine best within its limits", "configurations:size", (
-        file("config", "configuration of the task, YAML"), *output_folder("runs"), *OWN_CODE, *PRINTED,
-    )),
+        file("config", "configuration of the task, YAML"), *output_folder("runs"), *OWN_CODE, *PRINTED)),
     Command("campaign check", "read everything, list what looks wrong; status 1 if anything does",
             "campaigns:check", (CAMPAIGN, *OWN_PARTS, *PRINTED)),
     Command("campaign new", "write a commented template that passes the check",
@@ -163,8 +158,7 @@ COMMANDS = (
         CAMPAIGN, file("--model", "configuration of the model (default: the campaign's own)"),
         argument("--replay", choices=("set_point", "voltage", "current", "piston_position"), default="set_point",
                  help="drive the model with this measured signal, so that what lies behind it is judged alone"),
-        *output_folder("comparisons"), *OWN_CODE, *PRINTED,
-    )),
+        *output_folder("comparisons"), *OWN_CODE, *PRINTED)),
     Command("fit", "calibrate the uncertain parameters of a campaign's machine", "campaigns:fit", (
         CAMPAIGN, *output_folder("fits"),
         argument("--starts", type=whole_number(1, 100), default=4, help="points to start from (default: 4)"),
@@ -172,26 +166,20 @@ COMMANDS = (
                  "also the likelihood along this parameter, all others fitted anew; may be given several times"),
         file("--choices", "free and fixed parameters, limits, priors, runs, signals and time windows, where they "
              "differ from the campaign", metavar="FILE.yaml"),
-        *OWN_PARTS, *PRINTED,
-    ), f"The exit status is {NOT_CONVERGED} if the fit has not converged. Ctrl-C ends the search and keeps the best "
-       "values so far."),
+        *OWN_PARTS, *PRINTED), AFTER_A_FIT),
     Command("diagnose", "what is missing in the model of a campaign's machine", "campaigns:diagnose", (
         CAMPAIGN, *output_folder("diagnoses"), repeated("--effect", "effects", "FILE.py:CLASS", MORE_EFFECTS),
-        cluster("hand fits to Dask"), *OWN_PARTS, *PRINTED,
-    )),
+        cluster("hand fits to Dask"), *OWN_PARTS, *PRINTED)),
     Command("add", "add effects to a campaign's machine, and fit it: the campaign and the model with them",
             "campaigns:add", (
-        CAMPAIGN,
-        argument("effect", nargs="+", metavar="EFFECT", help="id of an effect, FILE.py:Class, or the folder of a "
-                                                             "diagnosis for the effects that it names"),
-        *output_folder("added"), *OWN_PARTS, *PRINTED,
-    )),
+        CAMPAIGN, argument("effect", nargs="+", metavar="EFFECT", help="id of an effect, FILE.py:Class, or the folder "
+                                                                       "of a diagnosis for the effects that it names"),
+        *output_folder("added"), *OWN_PARTS, *PRINTED)),
     Command("plan", "before any test: what a campaign's runs and sensors could reveal", "campaigns:plan", (
         file("campaign", "folder of the campaign; its runs need no files yet"),
         argument("--rate", default="5 kHz", help="sampling of runs without a file (default: 5 kHz)"),
         repeated("--effect", "effects", "FILE.py:Class", MORE_EFFECTS),
-        *output_folder("plans"), *OWN_PARTS, *PRINTED,
-    )),
+        *output_folder("plans"), *OWN_PARTS, *PRINTED)),
     Command("export", "the machine as an FMU for Simulink, OpenModelica, Amesim, FMPy", "configurations:export", (
         CONFIG, file("--out", "file to write (default: NAME.fmu)"),
         switch("--overwrite", "replace the file if it exists"),
@@ -200,34 +188,28 @@ COMMANDS = (
         overrides("step=10us"), *OWN_CODE,
         repeated("--compiler", "compilers", "COMMAND",
                  "C compiler (default: $CC or cc); several, cross compilers among them, add a binary each"),
-        switch("--sources-only", "compile nothing; the target does it"), *PRINTED,
-    )),
+        switch("--sources-only", "compile nothing; the target does it"), *PRINTED)),
     Command("workbench", "the whole loop in the browser: data, comparison, diagnosis, design", "workbench:serve", (
         file("path", "folder of a campaign, an empty folder to begin one, or a configuration (default: this folder)",
              nargs="?", default=Path("."), metavar="CAMPAIGN | CONFIG"),
         argument("--port", type=whole_number(0, 65535), default=0, help="to listen on (default: any free one)"),
-        switch("--no-browser", "print the address, open no browser"),
-    )),
+        switch("--no-browser", "print the address, open no browser"))),
     Command("check", "try a machine of your own against what every rig must satisfy", "own_code:check", (
-        argument("rig", metavar="FILE.py:CLASS", help="the rig, which may then run; or a rig of the package"), *PRINTED,
-    )),
+        argument("rig", metavar="FILE.py:CLASS", help="the rig, which may then run; or a rig of the package"),
+        *PRINTED)),
     Command("parameters", "every parameter with unit, value, range, meaning, source", "lists:parameters", (
-        file("config", "configuration (default: all rigs and effects)", nargs="?"), *OWN_CODE, *PRINTED,
-    )),
+        file("config", "configuration (default: all rigs and effects)", nargs="?"), *OWN_CODE, *PRINTED)),
     Command("effects", "the library of effects; with a name, one effect in full", "lists:effects", (
         argument("name", nargs="?", help="id of an effect, or FILE.py:Class"),
         file("--picture", "draw what the named effect does to the signals", metavar="FILE"),
-        file("--config", "list the effects of this configuration, a user's own included"), *OWN_CODE, *PRINTED,
-    )),
+        file("--config", "list the effects of this configuration, a user's own included"), *OWN_CODE, *PRINTED)),
     Command("schema", "the keys of files, as JSON schema for editors or as a table", "lists:schema", (
         argument("file", nargs="?", choices=KINDS_OF_FILES, default="machine", help="kind of file (default: machine)"),
-        switch("--table", "a table in Markdown instead, with ranges and defaults"),
-    )),
+        switch("--table", "a table in Markdown instead, with ranges and defaults"))),
     Command("device", "which engine runs the time loops here, which do not, and why", "lists:device", PRINTED),
     Command("trust", "allow Python files of your own to run when a file names them", "own_code:trust", (
         file("files", "file to allow; without one, list them", nargs="*", metavar="FILE.py"),
-        switch("--remove", "withdraw the permission of these files"), *PRINTED,
-    )),
+        switch("--remove", "withdraw the permission of these files"), *PRINTED)),
     Command("completion", "print what makes a shell complete commands and options", "command_line:completion",
             (argument("shell", choices=SHELLS),),
             'bash: eval "$(edhas completion bash)" in ~/.bashrc; zsh: the output as _edhas in a folder of $fpath'),

@@ -11,7 +11,6 @@ from edhas_jax.config.writer import dump_config
 from edhas_jax.core.summary import Summary, SummaryTable, jsonable
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity, from_si
-from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask, load_sizing
 from edhas_jax.design.sizing.figures import draw_front, draw_path
 from edhas_jax.design.sizing.size import SizedMachine, SizingResult
@@ -59,11 +58,10 @@ class SizeResult(Result, SizingResult):
     def _dimensions(self, names: list[str]) -> SummaryTable:
         rows, records = [], []
         for axis in self.task.variables:
-            unit = resolve_parameter(self.task.machine, axis.name)[0].unit
             start = float(get_parameter(self.task.machine, axis.name))
             values = [start, *(s.design[axis.name] for s in self.machines)]
-            rows.append((axis.name, *(format_quantity(v, unit) for v in values)))
-            records.append({"dimension": axis.name, "unit": unit, **dict(zip(names, values, strict=True))})
+            rows.append((axis.name, *(format_quantity(v, axis.unit) for v in values)))
+            records.append({"dimension": axis.name, "unit": axis.unit, **dict(zip(names, values, strict=True))})
         return SummaryTable.of("dimensions", ("dimension", *names), rows, records, "dimensions")
 
     def _metrics(self, names: list[str]) -> SummaryTable:

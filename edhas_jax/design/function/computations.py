@@ -6,9 +6,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from edhas_jax.design.batch.periodic_solver import BatchState, metrics_with_status
 from edhas_jax.design.function.host_function import Outcome
-from edhas_jax.design.gradient.fixed_point import GradientSettings, periodic_state
+from edhas_jax.design.gradient.fixed_point import GradientSettings, periodic_state, status_of
 from edhas_jax.design.gradient.forward import MOST_TANGENTS, forward
 from edhas_jax.design.gradient.reverse import reverse
 from edhas_jax.machine.rigs import Rig
@@ -37,7 +36,7 @@ class PeriodicMetrics:
     def __call__(self, columns: dict[str, np.ndarray], fixed: None, active: tuple[str, ...]) -> Outcome:
         """See `host_function.Compute`."""
         state = periodic_state(self._machine, columns, self._settings)
-        status = self.status_of(columns, state)
+        status = status_of(self._machine, columns, state, self._settings, True)
         values = {n: np.where(has_value(status), state.metrics[n], np.nan) for n in self._metrics}
         if not active:
             return Outcome(values, {})
@@ -49,12 +48,8 @@ class PeriodicMetrics:
 
     def status(self, columns: dict[str, np.ndarray]) -> np.ndarray:
         """The status (designs,) of each design, an integer of `Status`."""
-        return self.status_of(columns, periodic_state(self._machine, columns, self._settings))
-
-    def status_of(self, columns: dict[str, np.ndarray], state: BatchState) -> np.ndarray:
-        """As `status`, of designs whose periodic state is known."""
-        periodic = state.metrics["residual"] <= self._settings.tolerance
-        return np.asarray(metrics_with_status(self._machine, columns, state.metrics, periodic)["status"])
+        state = periodic_state(self._machine, columns, self._settings)
+        return status_of(self._machine, columns, state, self._settings, True)
 
 
 class Grid(NamedTuple):

@@ -50,11 +50,7 @@ def analyse_sensitivity(
     Raises:
         ConfigError: too many designs fail for statistics.
     """
-
-    def report(stage: str, share: float) -> None:
-        if on_progress is not None:
-            on_progress(stage, share)
-
+    report = on_progress or (lambda stage, share: None)
     columns = task.operating_points()
     points = pd.DataFrame(columns, index=range(len(next(iter(columns.values()))) if columns else 1))
     settings = GradientSettings(steps_per_cycle=STEPS_PER_CYCLE, run=task.settings)

@@ -183,9 +183,8 @@ def load_sizing(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> Si
     if file.machine is not None:
         for axis in (a for a in axes if not a.values):
             value = float(get_parameter(file.machine, axis.name))
-            unit = resolve_parameter(file.machine, axis.name)[0].unit
             if not axis.low <= value <= axis.high:
-                low, high, start = (format_quantity(x, unit) for x in (axis.low, axis.high, value))
+                low, high, start = (format_quantity(x, axis.unit) for x in (axis.low, axis.high, value))
                 top["free"][axis.name].add(f"the range {low} … {high} excludes the start, {start}; widen it, or set "
                                            "another start under `parameters:`")  # fmt: skip
         for name, problem in _order_problems(file.machine, axes):

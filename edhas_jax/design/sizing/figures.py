@@ -6,7 +6,6 @@ from edhas_jax.core.chart import add_colour_bar, add_title, set_log_scale
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, format_number, from_si
-from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.batch.experiment_design import Axis
 from edhas_jax.design.sizing.config import SizingTask
 from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
@@ -35,7 +34,7 @@ def draw_path(task: SizingTask, result: SizingResult):
     grid[0].set(xlabel="iteration", ylabel="best feasible objective, % from the final one", xlim=(0, last))
     grid[0].set_title(f"{len(best_of_starts)} starts, {100 * result.share_near_best:.0f} % end within 1 %", fontsize=10)
     for axes, axis in zip(grid[1:], task.variables, strict=True):
-        shown, convert = _shown(task, axis)
+        shown, convert = _shown(axis)
         for _, rows in result.path.groupby("start"):
             rows = _improvements(rows)
             axes.plot(rows["iteration"], convert(rows[axis.name].to_numpy()), color=GREY, lw=0.7, alpha=0.6)
@@ -63,11 +62,10 @@ def _improvements(rows):
     return rows[rank >= np.maximum.accumulate(np.nan_to_num(rank, nan=-np.inf))]
 
 
-def _shown(task: SizingTask, axis: Axis):
+def _shown(axis: Axis):
     """The unit in which a design variable is shown, and a function that converts values (SI) to it."""
-    unit = resolve_parameter(task.machine, axis.name)[0].unit
-    shown = display_unit(unit, axis.high)
-    return shown, lambda value: from_si(value, unit, shown)
+    shown = display_unit(axis.unit, axis.high)
+    return shown, lambda value: from_si(value, axis.unit, shown)
 
 
 def draw_front(task: SizingTask, result: SizingResult):
@@ -98,7 +96,7 @@ def draw_front(task: SizingTask, result: SizingResult):
     image = right.imshow(fractions, cmap="viridis", vmin=0, vmax=1, aspect="auto")
     labels = []
     for i, axis in enumerate(task.variables):
-        shown, convert = _shown(task, axis)
+        shown, convert = _shown(axis)
         labels.append(f"{axis.name.replace('_', ' ')}, {shown}")
         for k, sized in enumerate(feasible):
             right.text(k, i, format_number(convert(sized.design[axis.name]), 3), ha="center", va="center",

@@ -9,7 +9,6 @@ import pandas as pd
 
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.core.units import format_quantity
-from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask
 from edhas_jax.design.sizing.optimiser import (
     FEASIBILITY_TOLERANCE,
@@ -96,11 +95,7 @@ def size(task: SizingTask, on_progress: Callable[[str, float], None] | None = No
             finite derivatives.
     """
     began = time.perf_counter()
-
-    def report(what: str, share: float) -> None:
-        if on_progress is not None:
-            on_progress(what, share)
-
+    report = on_progress or (lambda what, share: None)
     report("compiling", 0.0)
     coarse, fine = SizingProblem(task, COARSE_STEPS), SizingProblem(task, FINE_STEPS)
     goals = np.array(list(task.weights.values()))
@@ -224,5 +219,4 @@ def _check_feasible(problem: SizingProblem, machines: list[SizedMachine]) -> Non
 
 def _design_text(problem: SizingProblem, design: Mapping[str, float]) -> str:
     """The design variables (SI) as text."""
-    units = {n: resolve_parameter(problem.task.machine, n)[0].unit for n in problem.names}
-    return ", ".join(f"{n} {format_quantity(design[n], unit)}" for n, unit in units.items())
+    return ", ".join(f"{a.name} {format_quantity(design[a.name], a.unit)}" for a in problem.task.variables)
