@@ -10,13 +10,7 @@ from typing import Any
 from edhas_jax.config.document import Entry, problem_lines
 from edhas_jax.config.machine_config import Config, ConfigError, as_config
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.design.batch.batch import (
-    BatchSettings,
-    engine_of_designs,
-    plan_chunks,
-    run_designs,
-    settings_of_batch,
-)
+from edhas_jax.design.batch.batch import BatchSettings, engine_of_designs, plan_chunks, run_designs, settings_of_batch
 from edhas_jax.design.batch.experiment_design import DesignError, full_factorial, latin_hypercube
 from edhas_jax.design.sweep.config import Sweep, load_sweep
 from edhas_jax.design.sweep.dataset import SweepData, to_dataset
