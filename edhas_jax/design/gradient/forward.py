@@ -112,8 +112,8 @@ class TangentLoop:
         tangents = _interleaved([state for _ in self._tangents])
         lane = dict.fromkeys(varied, 0.0), {} if group else dict.fromkeys(varied, 0.0)
         # one vector of so many tangents fills the nearest cache
-        options = {"vectors": 1, "tangents": (_filled(state, False), _filled(tangents, True))} if group else {}
-        options |= {"many_lanes": many_lanes}
+        marked = jax.tree.map(lambda _: False, state), jax.tree.map(lambda _: True, tangents)
+        options = {"many_lanes": many_lanes} | ({"vectors": 1, "tangents": marked} if group else {})
         self._loop = compile_loop(LoopBody(advance, float, (state, tangents), lane, (machine, 0.0), **options))
 
     def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle):
@@ -129,7 +129,7 @@ class TangentLoop:
         slopes = {n: np.full(scales.shape, np.nan) for n in metrics}
         for number in range(settings.max_cycles):
             rows = np.flatnonzero(~done)
-            tables = (_rows_of(table, rows) for table in (values, seeds, y, tangents_y))
+            tables = ({n: v[rows] for n, v in table.items()} for table in (values, seeds, y, tangents_y))
             new, slope, moved = self._cycle(machine, *tables, settings.steps_per_cycle)
             new, slope = ({n: table[n] for n in metrics} for table in (new, slope))
             terms, wide = {n: slope[n] - slopes[n][rows] for n in metrics}, {n: new[n][:, None] for n in metrics}
@@ -168,14 +168,6 @@ def _tangent(tree, k: int):
 def _interleaved(trees: list):
     """One pytree of lists from a list of pytrees: the tangents of one variable lie side by side."""
     return jax.tree.map(lambda *leaves: list(leaves), *trees)
-
-
-def _filled(tree, value: bool):
-    return jax.tree.map(lambda _: value, tree)
-
-
-def _rows_of(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
-    return {n: column[rows] for n, column in columns.items()}
 
 
 @runtime.jit

@@ -25,6 +25,8 @@ DECLARED = b"metrics"  # in the schema of a table of designs: what is known of e
 TEXT_COLUMNS = ["status", "reason"]  # a few texts many times: read as numbers of a dictionary
 NOT_RUN = "not_run"
 WINDOW = 131_072  # designs: a row group of the table
+# by status of a design what it means
+OUTCOMES = {NOT_RUN: "not run yet"} | {status.name.lower(): REASONS[status] for status in Status}
 CONVERGENCE_COLUMNS = {
     "cycles": "cycles that were run",
     "residual": "larger change of the metrics over the last two cycles",
@@ -122,9 +124,8 @@ def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table
     for name, doc in CONVERGENCE_COLUMNS.items():
         columns.append(_column(name, metrics[name], role="account", unit="-", shown="-", doc=doc))
     codes, place = np.unique(np.nan_to_num(metrics["status"], nan=-1.0).astype(int), return_inverse=True)
-    statuses = [None if code < 0 else Status(code) for code in codes]
-    names = [NOT_RUN if s is None else s.name.lower() for s in statuses]
-    reasons = ["not run yet" if s is None else REASONS[s] for s in statuses]
+    names = [NOT_RUN if code < 0 else Status(code).name.lower() for code in codes]
+    reasons = [OUTCOMES[name] for name in names]
     for name, texts, doc in (("status", names, "outcome of the run"), ("reason", reasons, "why")):
         columns.append(_column(name, pa.array(texts, pa.string()).take(pa.array(place)), pa.string(), doc=doc))
     for field, values in columns:
