@@ -1,6 +1,5 @@
 """The commands on a configuration: run a machine, sweep it, draw a sweep, analyse, size and export it."""
 
-import contextlib
 import dataclasses
 import os
 import time
@@ -45,6 +44,7 @@ def sweep(options) -> None:
         KeyboardInterrupt: the user has interrupted it; the text says what is finished.
     """
     from edhas_jax.design.sweep.config import load_sweep
+    from edhas_jax.design.sweep.dask_cluster import dask_executor
     from edhas_jax.design.sweep.run import stream_sweep, sweep_parts
     from edhas_jax.design.sweep.table import summary_of_parts
 
@@ -55,12 +55,12 @@ def sweep(options) -> None:
     with WorkProgress(options, f"{name}: compiling") as work:
         progress = _SweepProgress(work, name)
         try:
-            with _executor(options.cluster) as executor:
+            with dask_executor(options.cluster) as executor:
                 stream_sweep(sweep, folder, executor, progress.report, lambda remark: say(options, remark))
         except KeyboardInterrupt:
-            finished = f"{progress.done:,} of {len(sweep):,} designs are finished and saved in {folder}"
+            finished = f"{progress.first_and_last[1]:,} of {len(sweep):,} designs are finished and saved in {folder}"
             raise KeyboardInterrupt(f"edhas: interrupted; {finished}; the same command resumes the sweep") from None
-    computed = len(sweep) - progress.initially_done
+    computed = len(sweep) - progress.first_and_last[0]
     seconds = time.perf_counter() - began
     effort = f"{computed:,} computed in {seconds:.1f} s" if computed else "all of them computed before"
     summary = summary_of_parts(sweep_parts(folder))
@@ -68,36 +68,26 @@ def sweep(options) -> None:
     finish(options, summary, folder, f"plot sweep {quoted(folder)}")
 
 
-def _executor(address: str | None):
-    """A context manager with the Dask executor at an address, or None without one."""
-    if address is None:
-        return contextlib.nullcontext()
-    from edhas_jax.design.sweep.dask_cluster import dask_executor
-
-    return dask_executor(address)
-
-
 class _SweepProgress:
     """Designs done, designs per second and time left."""
 
     def __init__(self, work: WorkProgress, name: str):
-        self.initially_done, self.done, self._rate_start_count = None, 0, None
-        self._work, self._name = work, name
-        self._rate_start_time = time.perf_counter()
+        self._work, self._name, self._reports = work, name, []
+
+    @property
+    def first_and_last(self) -> tuple[int, int]:
+        """The number of finished designs at the first report and at the last one."""
+        return (self._reports[0][1], self._reports[-1][1]) if self._reports else (0, 0)
 
     def report(self, done: int, total: int) -> None:
         """Update the display; `done` of `total` designs are finished."""
-        now = time.perf_counter()
-        if self.initially_done is None:
-            self.initially_done = done
-        elif self._rate_start_count is None:
-            self._rate_start_count, self._rate_start_time = done, now  # the first chunk includes the compile time
-        self.done = done
+        self._reports.append((time.perf_counter(), done))
         status = f"{done:,} of {total:,} designs"
-        if self._rate_start_count is not None and done > self._rate_start_count:
-            rate = (done - self._rate_start_count) / (now - self._rate_start_time)
+        if len(self._reports) > 2:  # the first chunk includes the compile time
+            (began, first), (now, _) = self._reports[1], self._reports[-1]
+            rate = (done - first) / (now - began)
             status += f", {rate:.3g} designs/s, {_duration((total - done) / rate)} left"
-        elif self.initially_done == done < total:
+        elif len(self._reports) == 1 and done < total:
             status += ", compiling"
         self._work(f"{self._name}: {status}", done / total)
 

@@ -1,6 +1,5 @@
 """Diagnose: which effect the model of a campaign's machine lacks, and of what size."""
 
-import contextlib
 import dataclasses
 import functools
 import math
@@ -11,6 +10,7 @@ from typing import Any
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
+from edhas_jax.design.sweep.dask_cluster import dask_executor
 from edhas_jax.diagnosis.planning import next_experiment as planning
 from edhas_jax.diagnosis.report.bench_findings import bench_rows
 from edhas_jax.diagnosis.report.conclusions import conclusions, explains_little, outcome, parameters_text
@@ -179,13 +179,9 @@ def diagnose(
     more = [load_effect(e, trust=[e]) if isinstance(e, str) else e for e in effects]
     options = {"more": more, "on_progress": on_progress, "checkpoint": checkpoint}
     options |= {} if library is None else {"library": library}
-    with contextlib.ExitStack() as stack:
-        if cluster is not None:
-            from edhas_jax.design.sweep.dask_cluster import dask_executor
-
-            options["executor"] = stack.enter_context(dask_executor(cluster, program_versions))
+    with dask_executor(cluster, program_versions) as executor:
         try:
-            found = search(as_campaign(campaign, trust), **options)
+            found = search(as_campaign(campaign, trust), executor=executor, **options)
         except FitError as error:
             raise CampaignError(str(error)) from None
     return with_methods(DiagnosisResult, found)

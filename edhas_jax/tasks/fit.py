@@ -25,7 +25,7 @@ from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.tasks.compare import errors_table
-from edhas_jax.tasks.result import Result, with_methods
+from edhas_jax.tasks.result import Result
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -159,11 +159,11 @@ def fit(
     fitted = dataclasses.replace(found.campaign, channels=campaign.channels)
     after = campaign_residuals(fitted, found.machine, found.instruments, fine)
     chosen = {"choices": choices, "given": given} if is_chosen else {}
-    result = Calibration(found, None, (), before, after, time.perf_counter() - began, **chosen)
+    result = FitResult(found, None, (), before, after, time.perf_counter() - began, **chosen)
     if keep is not None:
-        keep(with_methods(FitResult, result))
+        keep(result)
     if found.stopped:
-        return with_methods(FitResult, result, interrupted=True)
+        return dataclasses.replace(result, interrupted=True)
     drift, likelihoods, assumed, interrupted = None, [], [], False
     try:
         drift = optional.attempt(
@@ -180,9 +180,10 @@ def fit(
     except KeyboardInterrupt:
         optional.failures.append("Interrupted: the results so far are written.")
         interrupted = True
-    seconds = time.perf_counter() - began
-    result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed), **chosen)
-    return with_methods(FitResult, result, failures=tuple(optional.failures), interrupted=interrupted)
+    return dataclasses.replace(
+        result, drift=drift, profiles=tuple(likelihoods), seconds=time.perf_counter() - began, assumed=tuple(assumed),
+        failures=tuple(optional.failures), interrupted=interrupted,
+    )  # fmt: skip
 
 
 def require_uncertain(profiles: Sequence[str], uncertain: Sequence[str]) -> None:

@@ -19,7 +19,7 @@ from edhas_jax.design.batch.periodic_solver import (
     metrics_with_status,
     run_to_periodic,
 )
-from edhas_jax.design.batch.run_metrics import RunGrid, run_grid, run_own_designs
+from edhas_jax.design.batch.run_metrics import RunGrid, run_own_designs
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP
@@ -57,9 +57,12 @@ class BatchSettings:
     sample_rate: float | None = None
 
     def run_grid(self, machine: Rig) -> RunGrid:
-        """Steps and samples of the runs of a rig of one's own."""
-        step = self.step if self.step >= 0.01 * machine.time_step else None
-        return run_grid(machine, self.duration, self.sample_rate, step)
+        """Steps and samples of the runs of a rig of one's own; what is None is as the rig usually has it."""
+        interval = 10.0 * machine.time_step if self.sample_rate is None else 1.0 / self.sample_rate
+        step = self.step if self.step >= 0.01 * machine.time_step else machine.time_step
+        steps = max(1, math.ceil(interval / step - 1e-9))
+        samples = math.floor((machine.duration if self.duration is None else self.duration) / interval + 1e-9) + 1
+        return RunGrid(interval / steps, steps, samples)
 
 
 def settings_of_batch(machine: Rig, simulation: Simulation) -> dict[str, Any]:

@@ -4,6 +4,7 @@ The tangents of one design share most of their work, so a lane is a design with 
 designs than lanes in a vector, each pair of a design and a parameter is a lane of its own instead.
 """
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 
 import jax
@@ -62,13 +63,9 @@ def forward(
     on_gpu = many_lanes(count * len(names), float)
     groups = _groups(names) if count >= DESIGNS_OF_A_VECTOR and not on_gpu else [None]
     loops = [cached_loop(TangentLoop, base, tuple(columns), group, on_gpu) for group in groups]
-    found = []
+    say, found = on_cycle or (lambda share: None), []
     for k, (loop, group) in enumerate(zip(loops, groups, strict=True)):
-
-        def report(share, k=k):
-            if on_cycle is not None:
-                on_cycle((k + share) / len(loops))
-
+        report = functools.partial(lambda k, share: say((k + share) / len(loops)), k)
         found.append(loop.run(base, columns, state.y, group or names, metrics, settings, report))
     values, slopes, converged, most = zip(*found, strict=True)
     return Derivatives(

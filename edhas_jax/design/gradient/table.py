@@ -21,9 +21,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.validity import REASONS, Status
 
 # what is said of a design whose metrics change by leaps, or not at all
-_NO_DERIVATIVE = (
-    Status.NOT_PERIODIC, Status.STALLED, *(status for status in Status if not status.is_valid)
-)  # fmt: skip
+_NO_DERIVATIVE = (Status.NOT_PERIODIC, Status.STALLED, *(status for status in Status if not status.is_valid))
 
 
 class GradientError(ParameterError):

@@ -120,9 +120,7 @@ class SizingProblem:
         self._count_time(found, columns, n * cases)
         failed = np.isin(found.status, FAILED_STATUSES).reshape(n, cases).any(axis=1)
         metrics = {m: found.values[m].reshape(n, cases) for m in self._metrics}
-        slopes = {
-            m: found.slopes[m].reshape(n, cases, -1) * factor[None] * scale[:, None, :] for m in self._metrics
-        }
+        slopes = {m: found.slopes[m].reshape(n, cases, -1) * factor[None] * scale[:, None, :] for m in self._metrics}
         goals, goal_gradients = self._goals(metrics, slopes)
         if weights is None:
             weights = np.tile(list(self.task.weights.values()), (n, 1))
@@ -139,9 +137,7 @@ class SizingProblem:
         failed |= ~np.isfinite(constraints).all(axis=1) | ~np.isfinite(constraint_gradients).all(axis=(1, 2))
         for array in (objective, gradient, constraints, constraint_gradients, goals, goal_gradients):
             array[failed] = np.nan
-        return DesignEvaluation(
-            objective, gradient, constraints, constraint_gradients, goals, goal_gradients, metrics
-        )
+        return DesignEvaluation(objective, gradient, constraints, constraint_gradients, goals, goal_gradients, metrics)
 
     def _count_time(self, found: Derivatives, columns: dict[str, np.ndarray], runs: int) -> None:
         """Add the simulated time of some runs; each derivative counts as a run."""

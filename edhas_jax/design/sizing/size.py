@@ -131,9 +131,7 @@ def size(task: SizingTask, on_progress: Callable[[str, float], None] | None = No
     _check_feasible(fine, machines)
     start = _sized_machine(task, coarse, coarse.initial_fractions(), initial, "the start", goals)
     seconds = coarse.machine_seconds + fine.machine_seconds
-    return SizingResult(
-        tuple(machines), start, path, float(np.mean(near_best)), seconds, time.perf_counter() - began
-    )
+    return SizingResult(tuple(machines), start, path, float(np.mean(near_best)), seconds, time.perf_counter() - began)
 
 
 def _starts(task: SizingTask, problem: SizingProblem) -> np.ndarray:

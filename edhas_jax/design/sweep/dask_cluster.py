@@ -23,20 +23,23 @@ class ClusterError(ResultFileError):
 
 
 @contextlib.contextmanager
-def dask_executor(spec: str, versions: Callable[[], dict[str, str]] = versions) -> Iterator[Executor]:
+def dask_executor(spec: str | None, versions: Callable[[], dict[str, str]] = versions) -> Iterator[Executor | None]:
     """Connect to a cluster for the duration of a context.
 
     Args:
         spec: "local:4" for four worker processes on this machine, or the address of a Dask scheduler,
-            "tcp://host:8786".
+            "tcp://host:8786"; None: no cluster.
         versions: the versions that must be the same in all processes, from a function of a module.
 
     Yields:
-        An executor that runs its calls on the workers.
+        An executor that runs its calls on the workers; None without a cluster.
 
     Raises:
         ClusterError: the text is invalid, Dask is not installed, no scheduler answers, or a worker has other versions.
     """
+    if spec is None:
+        yield None
+        return
     local = re.fullmatch(r"local:([1-9]\d{0,3})", spec)
     if not local and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", spec):
         raise ClusterError(f"--cluster {spec}: write local:2 for processes on this machine, or tcp://host:8786")

@@ -56,10 +56,8 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
     others = [n for n in varied if n not in (x, y)] if selection.is_grid and not average else []
     columns = _panel_values(selection, others, 0, MAX_PANEL_COLUMNS)
     rows = _panel_values(selection, others, 1, MAX_PANEL_ROWS)
-    fixed = {}
-    for name in others[2:]:  # parameters beyond rows and columns are fixed at their middle value
-        levels = np.sort(pd.unique(selection.result.frame[name][selection.selected]))
-        fixed[name] = levels[len(levels) // 2]
+    # parameters beyond rows and columns are fixed at their middle value
+    fixed = {n: (levels := _levels(selection, n))[len(levels) // 2] for n in others[2:]}
     figure = Figure(figsize=(1.6 + 3.4 * len(columns) + (2.6 if len(columns) == 1 else 0),
                              1.3 + 2.9 * len(rows) + (1.4 if len(rows) == 1 else 0)), layout="constrained")  # fmt: skip
     grid = figure.subplots(len(rows), len(columns), squeeze=False, sharex=True, sharey=True)
@@ -115,9 +113,14 @@ def _panel_values(selection: DesignSelection, others: list[str], position: int, 
     """The values of the parameter at a position of `others`, a panel each: at most `limit`, spread over its range."""
     if len(others) <= position:
         return [{}]
-    levels = np.sort(pd.unique(selection.result.frame[others[position]][selection.selected]))
+    levels = _levels(selection, others[position])
     chosen = np.unique(np.linspace(0, len(levels) - 1, min(limit, len(levels))).round().astype(int))
     return [{others[position]: levels[i]} for i in chosen]
+
+
+def _levels(selection: DesignSelection, name: str) -> np.ndarray:
+    """The distinct values (SI) of a parameter among the selected designs, ascending."""
+    return np.sort(pd.unique(selection.result.frame[name][selection.selected]))
 
 
 def _cells(selection: DesignSelection, metric: str, x: str, y: str, fixed: dict[str, float]):
