@@ -129,12 +129,8 @@ def _prepare_process() -> None:
 
 def _import_matplotlib_elsewhere() -> None:
     """Import matplotlib without the settings of the working folder, which may have it call other programs."""
-    here = os.getcwd()
-    os.chdir(os.path.dirname(edhas_jax.__file__))
-    try:
+    with contextlib.chdir(os.path.dirname(edhas_jax.__file__)):
         importlib.import_module("matplotlib")
-    finally:
-        os.chdir(here)
 
 
 def user_errors() -> tuple[type[Exception], ...]:

@@ -70,13 +70,16 @@ def effects(options) -> None:
         ResultFileError: the picture cannot be written.
     """
     if options.picture:
-        from edhas_jax.tasks.result import require_picture_name
+        from edhas_jax.simulation.effect_preview import plot_preview, preview_effect
+        from edhas_jax.tasks.result import require_picture_name, save_figure
 
         require_picture_name(options.picture)
     if options.name:
         effect = load_effect(options.name, trust=[options.name])
         if options.picture:
-            _draw_effect(effect, options)
+            with WorkProgress(options, f"runs without and with {effect.id}"):
+                figure = plot_preview(preview_effect(effect()))
+            save_figure(figure, options.picture)
         follow = "" if options.picture else f"effects {effect.id} --picture {effect.id}.png"
         finish(options, _one_effect(effect), next_command=follow, written=str(options.picture or ""))
         return
@@ -108,20 +111,6 @@ def _one_effect(effect) -> Summary:
                         "allowed": p.span, "meaning": p.doc})  # fmt: skip
     columns = "parameter", "default", "plausible", "allowed", "meaning"
     return Summary(effect.id, (*texts, SummaryTable.of("parameters", columns, rows, records)))
-
-
-def _draw_effect(effect, options) -> None:
-    """Draw what an effect does to the signals.
-
-    Raises:
-        ResultFileError: the picture cannot be written.
-    """
-    from edhas_jax.simulation.effect_preview import plot_preview, preview_effect
-    from edhas_jax.tasks.result import save_figure
-
-    with WorkProgress(options, f"runs without and with {effect.id}"):
-        figure = plot_preview(preview_effect(effect()))
-    save_figure(figure, options.picture)
 
 
 def schema(options) -> None:

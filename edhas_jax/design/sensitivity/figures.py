@@ -75,7 +75,9 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     strength = pd.concat(values.values()).abs().max(axis=1).groupby(level=0).max().sort_values(ascending=False)
     shown = list(strength[strength > MIN_SHOWN].index[:MAX_ROWS]) or list(strength.index[:1])
     omitted = len(strength) - len(shown)
-    order, columns = _point_order(points)
+    columns = list(points.columns)
+    # the last column changes slowest
+    order = list(points.sort_values(columns[::-1]).index) if columns else [0]
     size = max(LEAST_WIDTH, 2.6 + COLUMN * len(order)), 1.5 + (0.35 + ROW * len(shown)) * len(values)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(values), 1, sharex=True, squeeze=False)[:, 0]
@@ -106,13 +108,6 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     note += "; ×: no value" if any(table.isna().to_numpy().any() for table in values.values()) else ""
     add_title(figure, title + f"\n{len(points)} operating points, strongest parameters on top{note}", size=10.5)
     return figure
-
-
-def _point_order(points: pd.DataFrame) -> tuple[list[int], list[str]]:
-    """The order of the points with the last column changing slowest, and the columns."""
-    columns = list(points.columns)
-    order = list(points.sort_values(columns[::-1]).index) if columns else [0]
-    return order, columns
 
 
 def _label_points(

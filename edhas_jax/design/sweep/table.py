@@ -141,14 +141,12 @@ def _column(name: str, values, kind: pa.DataType | None = None, **metadata: str)
 
 def to_frame(data: pa.Table, copy: bool = True) -> pd.DataFrame:
     """An Arrow table as a data frame; without `copy` its numbers may be those of the table, not to be written to."""
-    columns = {name: _numbers_or_texts(data[name]) for name in data.column_names}
+    columns = {
+        name: column.cast(pa.string()).to_pandas() if pa.types.is_dictionary(column.type)
+        else column.to_numpy(zero_copy_only=False)
+        for name, column in zip(data.column_names, data.columns, strict=True)
+    }  # fmt: skip
     return pd.DataFrame(columns, copy=copy)
-
-
-def _numbers_or_texts(column: pa.ChunkedArray) -> np.ndarray | pd.Series:
-    if not pa.types.is_dictionary(column.type):
-        return column.to_numpy(zero_copy_only=False)
-    return column.cast(pa.string()).to_pandas()
 
 
 def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | None = None) -> SweepResult:
