@@ -10,9 +10,9 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.design.sweep import pareto_front, run, table
-from edhas_jax.design.sweep.chunk_job import ChunkResult
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.design_selection import few_levels
+from edhas_jax.design.sweep.folder import ChunkResult
 from edhas_jax.design.sweep.identity import device, versions
 from edhas_jax.design.sweep.run import open_sweep, stream_sweep, sweep_parts
 from edhas_jax.design.sweep.table import summary_of_parts, windows

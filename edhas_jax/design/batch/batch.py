@@ -24,7 +24,7 @@ from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run_settings import Precision, Simulation
-from edhas_jax.simulation.validity import REASONS, STEP_SENSITIVITY, Status
+from edhas_jax.simulation.validity import STEP_SENSITIVITY, Status
 
 SLOW_CYCLES = 8  # a design that takes more is checked for its sensitivity to the step
 CHECK_CYCLES = 2  # run with the longer step of that check
@@ -91,9 +91,6 @@ class Chunk:
     rows: np.ndarray
     steps_per_cycle: int
     many_lanes: bool = False
-
-
-__all__ = ["REASONS", "BatchError", "BatchSettings", "Chunk", "Status", "plan_chunks", "run_chunk", "run_designs"]
 
 
 class BatchError(ValueError):

@@ -31,7 +31,7 @@ from edhas_jax.machine.parameters import (
 )
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP, evaluate_signals
-from edhas_jax.simulation.validity import REASONS, Status
+from edhas_jax.simulation.validity import Status
 
 # as accurate as a sweep at the default step; elasticities within 0.011, see docs/gradients.md
 FUNCTION_SETTINGS = GradientSettings(steps_per_cycle=4096)
@@ -268,6 +268,3 @@ def model(
     step = config.simulation.step if step is None else step
     step = to_si(step, "s", "20 us") if isinstance(step, str) else step
     return Model(config.machine, settings, DEFAULT_STEP if step is None else step)
-
-
-__all__ = ["FUNCTION_SETTINGS", "REASONS", "Model", "model"]

@@ -4,12 +4,13 @@ A file of a chunk, `chunks/NUMBER-CHECKSUM.parquet`, is complete or absent, and 
 """
 
 import contextlib
+import dataclasses
 import datetime
 import errno
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -22,7 +23,6 @@ from edhas_jax.core import checksums
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
 from edhas_jax.core.regular_file import FileKindError, open_regular_file, read_regular_file
 from edhas_jax.design.batch.batch import Chunk, engine_of_designs
-from edhas_jax.design.sweep.chunk_job import ChunkResult
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.identity import device, identity_differences, identity_hash, machine_text, sweep_identity
 from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table, windows, write_table
@@ -94,6 +94,23 @@ def open_listed_file(folder: Path, manifest: dict[str, Any], name: str) -> Binar
         return open_regular_file(folder / name)
     except FileNotFoundError:
         return None
+
+
+@dataclasses.dataclass(frozen=True)
+class ChunkResult:
+    """The results of a chunk.
+
+    Attributes:
+        number: of the chunk in the sweep.
+        metrics: by metric the values (SI) of its designs, shape (designs,), with status, cycles and residual.
+        versions: versions of the libraries and of the model code.
+        device: processor and compiler flags.
+    """
+
+    number: int
+    metrics: Mapping[str, np.ndarray]
+    versions: Mapping[str, str]
+    device: Mapping[str, str]
 
 
 class ChunkFile(NamedTuple):

@@ -141,9 +141,14 @@ def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) 
     """
     if stored["rig"] != current["rig"]:
         return [f"rig: {stored['rig']} in the folder, {current['rig']} now"]
-    lines = _differing_values("", stored["kinds"], current["kinds"], str)
-    lines += _differing_values("effect ", stored["effects"], current["effects"], str)
-    lines += _differing_values("parameter ", stored["parameters"], current["parameters"], lambda v: format_quantity(*v))
+
+    def differing(what: str, key: str, to_text: Callable[[Any], str] = str) -> list[str]:
+        old, new = ({n: to_text(v) for n, v in values[key].items()} for values in (stored, current))
+        names = [n for n in dict.fromkeys([*old, *new]) if stored[key].get(n) != current[key].get(n)]
+        return [f"{what}{n}: {old.get(n, 'none')} in the folder, {new.get(n, 'none')} now" for n in names]
+
+    lines = differing("", "kinds") + differing("effect ", "effects")
+    lines += differing("parameter ", "parameters", lambda value: format_quantity(*value))
     old, new = stored["designs"], current["designs"]
     if old["names"] != new["names"]:
         lines.append(f"varied parameters: {', '.join(old['names'])} in the folder, {', '.join(new['names'])} now")
@@ -151,16 +156,4 @@ def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) 
         lines.append(f"number of designs: {old['count']:,} in the folder, {new['count']:,} now")
     elif old["sha256"] != new["sha256"]:
         lines.append("table of designs: other values")
-    lines += _differing_values("setting ", stored["settings"], current["settings"], str)
-    return lines + _differing_values("version of ", stored["versions"], current["versions"], str)
-
-
-def _differing_values(what: str, stored: Mapping, current: Mapping, to_text: Callable[[Any], str]) -> list[str]:
-    def text(values, name):
-        return to_text(values[name]) if name in values else "none"
-
-    return [
-        f"{what}{n}: {text(stored, n)} in the folder, {text(current, n)} now"
-        for n in dict.fromkeys([*stored, *current])
-        if stored.get(n) != current.get(n)
-    ]
+    return lines + differing("setting ", "settings") + differing("version of ", "versions")

@@ -139,20 +139,11 @@ def _column(name: str, values, kind: pa.DataType | None = None, **metadata: str)
     return pa.field(name, column.type, metadata={k: v for k, v in metadata.items() if v}), column
 
 
-def to_frame(data: pa.Table, copy: bool = True) -> pd.DataFrame:
-    """An Arrow table as a data frame; without `copy` its numbers may be those of the table, not to be written to."""
-    columns = {
-        name: column.cast(pa.string()).to_pandas() if pa.types.is_dictionary(column.type)
-        else column.to_numpy(zero_copy_only=False)
-        for name, column in zip(data.column_names, data.columns, strict=True)
-    }  # fmt: skip
-    return pd.DataFrame(columns, copy=copy)
-
-
 def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | None = None) -> SweepResult:
     """A sweep's Arrow table as a result, with units and meanings from its schema.
 
-    Where `data` has some columns only, `whole` is the schema of all.
+    Where `data` has some columns only, `whole` is the schema of all; the numbers may then be those of `data`, not to be
+    written to.
     """
     schema = data.schema if whole is None else whole
     metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in schema}
@@ -161,7 +152,12 @@ def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | No
         for n, t in metadata.items()
     }
     parameters, metrics = (tuple(n for n, t in metadata.items() if t.get("role") == r) for r in ("parameter", "metric"))
-    return SweepResult(to_frame(data, copy=whole is None), parameters, metrics, fields, manifest)
+    columns = {
+        name: column.cast(pa.string()).to_pandas() if pa.types.is_dictionary(column.type)
+        else column.to_numpy(zero_copy_only=False)
+        for name, column in zip(data.column_names, data.columns, strict=True)
+    }  # fmt: skip
+    return SweepResult(pd.DataFrame(columns, copy=whole is None), parameters, metrics, fields, manifest)
 
 
 class Window(NamedTuple):
