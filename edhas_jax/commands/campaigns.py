@@ -27,6 +27,7 @@ from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.noise_measurement import noise_sentence
 
 DIAGNOSES = Path("diagnoses")
+NUMBER = r"-\d+$"
 TONES = {Severity.ERROR: Tone.BAD, Severity.WARNING: Tone.CAUTION}
 
 
@@ -85,8 +86,7 @@ def compare(options) -> None:
     folder = output_folder(options, "comparisons", campaign.name)
     ComparisonResult.reserve(folder, options.overwrite)
     with WorkProgress(options) as progress:
-        replay = Replay(options.replay)
-        result = compare(campaign, options.model, replay=replay, trust=trust, on_progress=progress)
+        result = compare(campaign, options.model, replay=Replay(options.replay), trust=trust, on_progress=progress)
         progress("looking for patterns")
         patterns = result.patterns
         progress("drawing")
@@ -213,7 +213,9 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
     folder = output_folder(options, str(DIAGNOSES), name)
     places = [folder]
     if not options.out:
-        places = sorted(p for p in DIAGNOSES.glob("*") if _without_number(p.name) == _without_number(folder.name))
+        # the number at the end of a name distinguishes it from earlier ones
+        plain, others = re.sub(NUMBER, "", folder.name), DIAGNOSES.glob("*")
+        places = sorted(p for p in others if re.sub(NUMBER, "", p.name) == plain)
     sentences, unfinished = [], {p: stored_identity(p / CHECKPOINT_FOLDER) for p in places}
     for place, stored in unfinished.items():
         if stored == identity:
@@ -227,11 +229,6 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
     if unfinished.get(folder) is None and not holds_nothing(folder):
         require_new_folder(folder, options.overwrite)
     return folder, sentences
-
-
-def _without_number(name: str) -> str:
-    """The name of a folder without the number that distinguishes it from earlier ones."""
-    return re.sub(r"-\d+$", "", name)
 
 
 def add(options) -> None:

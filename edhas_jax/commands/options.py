@@ -17,14 +17,13 @@ def output_folder(options, parent: str, name: str) -> Path:
 
 def own_code(options) -> list[str]:
     """The files of the user's own that the command line names."""
-    names = ("own_effects", "own_controllers", "own_rigs", "effects")
-    return [spec for name in names for spec in getattr(options, name, [])]
+    return [s for n in ("own_effects", "own_controllers", "own_rigs", "effects") for s in getattr(options, n, [])]
 
 
 def own_words(options) -> str:
     """The options by which the next command may run the rig and controllers that this one was allowed to run."""
-    names = ("rig", "controller")
-    return "".join(f" --{name} {shlex.quote(spec)}" for name in names for spec in getattr(options, f"own_{name}s", []))
+    parts = [(n, spec) for n in ("rig", "controller") for spec in getattr(options, f"own_{n}s", [])]
+    return "".join(f" --{n} {shlex.quote(spec)}" for n, spec in parts)
 
 
 def require_own_code(options, *machines) -> None:

@@ -146,7 +146,6 @@ def fit(
     report("checking the data")
     given = checked_campaign(as_campaign(campaign, trust))
     choices = read_choices(choices, given)
-    is_chosen = choices != FitChoices()
     require_uncertain(profiles, [u.name for u in choices.unknowns(choices.applied(given))])
     report("reading")
     try:
@@ -158,7 +157,7 @@ def fit(
     before = campaign_residuals(campaign, given.machine, Instruments(), fine)
     fitted = dataclasses.replace(found.campaign, channels=campaign.channels)
     after = campaign_residuals(fitted, found.machine, found.instruments, fine)
-    chosen = {"choices": choices, "given": given} if is_chosen else {}
+    chosen = {"choices": choices, "given": given} if choices != FitChoices() else {}
     result = FitResult(found, None, (), before, after, time.perf_counter() - began, **chosen)
     if keep is not None:
         keep(result)

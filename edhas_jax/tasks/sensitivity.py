@@ -141,10 +141,7 @@ def sensitivity(
         machine = as_config(source, trust).machine
         given = {"machine": machine, "metrics": list(metrics or ()), "local": list(parameters or ()),
                  "samples": str(samples), "trajectories": str(trajectories), "seed": str(seed)}  # fmt: skip
-        if points:
-            given["points"] = axes(machine, points)
-        if ranges:
-            given["ranges"] = axes(machine, ranges)
+        given |= {n: axes(machine, of) for n, of in (("points", points), ("ranges", ranges)) if of}
         task = load_sensitivity(given, trust)
     return with_methods(SensitivityResult, analyse_sensitivity(task, on_progress), task=task)
 

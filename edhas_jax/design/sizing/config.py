@@ -248,9 +248,8 @@ def _read_constraints(file: TaskFile, known: list[str] | None) -> tuple[Constrai
             entry.add(f"`max:` or `min:` and a quantity in {about.unit} belong here")
             continue
         bounds = Keys({"min": Key(size, ""), "max": Key(size, "")}).read(entry)
-        for bound, value in bounds.items():
-            if value is not None:
-                constraints.append(Constraint(name, bound == "max", value, about.unit, about.display_unit))
+        shown = about.unit, about.display_unit
+        constraints += [Constraint(name, end == "max", v, *shown) for end, v in bounds.items() if v is not None]
         if None not in bounds.values() and bounds["min"] > bounds["max"]:
             entry.add("`min` lies above `max`: they cannot be met together")
     return tuple(constraints)

@@ -60,16 +60,13 @@ def dask_executor(spec: str | None, versions: Callable[[], dict[str, str]] = ver
             "distributed.scheduler.allowed-failures": MAX_WORKER_FAILURES,
             "distributed.admin.large-graph-warning-threshold": LARGEST_CALL,
         }))  # fmt: skip
+        address = spec
         if local:
             with _workers_ignore_interrupts():
-                address = stack.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=int(local[1]), threads_per_worker=1, processes=True, dashboard_address=None,
-                        silence_logs=50, env={"EDHAS_CORES": str(max(1, cores() // int(local[1])))},
-                    )
-                )  # fmt: skip
-        else:
-            address = spec
+                address = stack.enter_context(distributed.LocalCluster(
+                    n_workers=int(local[1]), threads_per_worker=1, processes=True, dashboard_address=None,
+                    silence_logs=50, env={"EDHAS_CORES": str(max(1, cores() // int(local[1])))},
+                ))  # fmt: skip
         try:
             client = stack.enter_context(distributed.Client(address, timeout=SCHEDULER_TIMEOUT))
         except (OSError, TimeoutError, ValueError):

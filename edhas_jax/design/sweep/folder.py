@@ -10,7 +10,7 @@ import errno
 import json
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -270,17 +270,19 @@ class SweepFolder:
                                     "and is written anew from the finished chunks")  # fmt: skip
 
     def _is_intact(self, manifest: dict, name: str) -> bool:
-        file = open_listed_file(self.path, manifest, name)
-        if file is not None:
-            file.close()
-        return file is not None
+        with open_listed_file(self.path, manifest, name) or contextlib.nullcontext() as file:
+            return file is not None
 
     def _write_designs(self) -> dict[str, str]:
         """Write the table of designs; its name and checksum."""
-        with atomic_write(self.path / DESIGNS_FILE) as file:
-            pq.write_table(sweep_table(self._sweep.machine, self._sweep.designs), file)
+        designs = sweep_table(self._sweep.machine, self._sweep.designs)
+        return self._write_table(DESIGNS_FILE, lambda file: pq.write_table(designs, file))
+
+    def _write_table(self, name: str, write: Callable[[Path], None]) -> dict[str, str]:
+        with atomic_write(self.path / name) as file:
+            write(file)
             with file.open("rb") as written:
-                return {DESIGNS_FILE: checksums.digest_of_file(written)}
+                return {name: checksums.digest_of_file(written)}
 
     def _create(self) -> None:
         """Write the designs and the manifest of a sweep that begins."""
@@ -332,14 +334,11 @@ class SweepFolder:
         rows = [chunk.rows for chunk in self._chunks]
         used = [json.loads(d) for d in sorted({json.dumps(device) for device in self._devices.values()})]
         with self._report_write_errors():
-            with atomic_write(self.path / TABLE_FILE) as file:
-                write_table(designs, windows(rows, self._results_of, len(self._sweep)), file)
-                with file.open("rb") as written:
-                    checksum = checksums.digest_of_file(written)
+            parts = windows(rows, self._results_of, len(self._sweep))
+            written = self._write_table(TABLE_FILE, lambda file: write_table(designs, parts, file))
             manifest = read_manifest(self.path)
-            files = manifest["files"] | {TABLE_FILE: checksum}
-            changes = {"state": "finished", "finished": _now(), "computed_on": used, "files": files}
-            write_manifest(self.path, manifest | changes)
+            changes = {"state": "finished", "finished": _now(), "computed_on": used}
+            write_manifest(self.path, manifest | changes | {"files": manifest["files"] | written})
 
     def _results_of(self, number: int) -> dict[str, np.ndarray]:
         """The results of a finished chunk."""

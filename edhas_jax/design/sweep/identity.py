@@ -99,11 +99,10 @@ def device(engine: str = "") -> dict[str, str]:
     Args:
         engine: as of `versions`.
     """
-    kind = str(jax.devices()[0].device_kind)
-    devices = {e.name: e.device_names for e in engines.ENGINES}
+    names_of = {e.name: e.device_names for e in engines.ENGINES}[engine or serving_engine().name]
     return {
         "platform": jax.default_backend(),
-        "device": devices[engine or serving_engine().name]() or kind,
+        "device": names_of() or str(jax.devices()[0].device_kind),
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
     }
 
