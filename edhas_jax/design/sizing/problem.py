@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.special import softmax
 
 from edhas_jax.design.batch.experiment_design import designs_at
 from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
@@ -178,7 +177,9 @@ class SizingProblem:
             if self.task.robust is RobustObjective.WORST_CASE:
                 # the worst case is the minimum of a metric to maximise, and the maximum of one to minimise
                 sign = -np.sign(weight)
-                share = softmax(SOFT_EXTREMUM_SHARPNESS * sign * logs, axis=2)
+                largest = (sign * logs).max(axis=2, keepdims=True)
+                exponential = np.exp(SOFT_EXTREMUM_SHARPNESS * (sign * logs - largest))
+                share = exponential / exponential.sum(axis=2, keepdims=True)
             else:
                 share = np.full(logs.shape, 1.0 / logs.shape[2])
             goals.append((share * logs).sum(axis=2).mean(axis=1))
