@@ -61,8 +61,8 @@ def sweep(options) -> None:
             finished = f"{progress.first_and_last[1]:,} of {len(sweep):,} designs are finished and saved in {folder}"
             raise KeyboardInterrupt(f"edhas: interrupted; {finished}; the same command resumes the sweep") from None
     computed = len(sweep) - progress.first_and_last[0]
-    seconds = time.perf_counter() - began
-    effort = f"{computed:,} computed in {seconds:.1f} s" if computed else "all of them computed before"
+    took = f"{time.perf_counter() - began:.1f} s"
+    effort = f"{computed:,} computed in {took}" if computed else "all of them computed before"
     summary = summary_of_parts(sweep_parts(folder))
     summary = dataclasses.replace(summary, title=f"{name}: {len(sweep):,} designs, {effort}")
     finish(options, summary, folder, f"plot sweep {quoted(folder)}")

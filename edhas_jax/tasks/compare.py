@@ -26,7 +26,6 @@ from edhas_jax.measurements.residual_patterns import Pattern, find_patterns
 from edhas_jax.tasks.result import Result, with_methods
 
 GOOD_RESIDUAL, BAD_RESIDUAL = 1.15, 3.0  # residual over noise, up to which nothing is missing, and from which much is
-NOTHING_LEFT = "The residuals hold nothing but the noise of the sensors."
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -57,7 +56,7 @@ class ComparisonResult(Result, Comparison):
         counted = runs_text(compared.run for compared in self.runs)
         title = f"{self.campaign.name}: model and measurements, {counted}, {len(self.signals)} signals"
         tables = [residual_table(n.replace(" ", "_"), "run", self.signals, m, n) for n, m in self.matrices().items()]
-        return Summary(title, (*tables, *(numbered or [NOTHING_LEFT])))
+        return Summary(title, (*tables, *(numbered or ["The residuals hold nothing but the noise of the sensors."])))
 
     def matrices(self) -> dict[str, Mapping[str, Mapping[str, float]]]:
         """Residual over noise by title, run and signal: plain, and with the bench corrected where that is known."""

@@ -37,10 +37,8 @@ def axis(machine: Rig, name: str, spec: Any) -> Any:
         return {k: v if k in ("count", "spacing") else _converted(unit, v) for k, v in spec.items()}
     if isinstance(spec, tuple) and 2 <= len(spec) <= 4:
         ends = {"from": quantity(unit, spec[0]), "to": quantity(unit, spec[1])}
-        if spec[2:] == ("log",):
-            return ends | {"spacing": "log"}
-        count = {"count": str(spec[2])} if len(spec) > 2 else {}
-        return ends | count | ({"spacing": spec[3]} if len(spec) == 4 else {})
+        rest = ("spacing",) if spec[2:] == ("log",) else ("count", "spacing")
+        return ends | dict(zip(rest, map(str, spec[2:]), strict=False))
     values = _converted(unit, spec)
     return {"values": values} if isinstance(values, list) else values
 

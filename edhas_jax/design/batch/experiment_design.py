@@ -159,8 +159,7 @@ def _check_axes(axes: Sequence[Axis], n: int) -> None:
     if not axes:
         raise DesignError("at least one parameter is needed")
     names = [axis.name for axis in axes]
-    repeated = next((name for name in names if names.count(name) > 1), None)
-    if repeated:
+    if repeated := next((name for name in names if names.count(name) > 1), None):
         raise DesignError(f"{repeated}: given twice")
     if not 1 <= n <= MAX_DESIGNS:
         raise DesignError(f"1 … {MAX_DESIGNS:,} designs are possible; got {n:,}")

@@ -160,8 +160,7 @@ class Model:
         return PeriodicMetrics(self.machine, names, self.settings)
 
     def _columns(self, parameters: Mapping[str, Any], resolve) -> dict[str, jax.Array]:
-        columns = named_columns(self.machine, parameters, resolve)
-        if columns:
+        if columns := named_columns(self.machine, parameters, resolve):
             return columns
         # a batch needs a column: the first parameter at its present value changes nothing
         name = next(iter(self.parameters))

@@ -52,9 +52,8 @@ class Gradient:
     def elasticities(self, point: int = 0) -> pd.DataFrame:
         """Elasticities (parameters × metrics) at the operating point of this number."""
         rows = self.frame[self.frame["point"] == point]
-        return rows.pivot(index="parameter", columns="metric", values="elasticity").reindex(
-            index=rows["parameter"].unique(), columns=rows["metric"].unique()
-        )
+        found = rows.pivot(index="parameter", columns="metric", values="elasticity")
+        return found.reindex(index=rows["parameter"].unique(), columns=rows["metric"].unique())
 
 
 def gradient(
@@ -143,8 +142,7 @@ def _own_names(machine: Rig, parameters: Sequence[str]) -> list[str]:
             raise GradientError(f"{name}: {error}") from None
         if find_parameter(machine, names[-1])[1] == "sampling":
             raise GradientError(f"{name}: has no derivative; the controller's instants are whole numbers of steps")
-    twice = next((n for n in names if names.count(n) > 1), None)
-    if twice:
+    if twice := next((n for n in names if names.count(n) > 1), None):
         raise GradientError(f"{twice}: asked for twice")
     return names
 
