@@ -26,9 +26,10 @@ from edhas_jax.commands.cli import main as edhas
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.experiment_design import sobol_sequence
 from edhas_jax.design.sweep import run
-from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult
 from edhas_jax.design.sweep.config import load_sweep
+from edhas_jax.design.sweep.folder import ChunkResult
 from edhas_jax.design.sweep.identity import device, versions
+from edhas_jax.design.sweep.run import ChunkJob
 from edhas_jax.machine.metrics import METRICS
 from edhas_jax.simulation.validity import Status
 

@@ -1,1 +1,1 @@
-"""The commands of the program `edhas`, one module each; a command imports what it needs only when it runs."""
+"""The program `edhas`: one table of its commands, and modules with what runs them, imported only when they run."""

@@ -1,35 +1,29 @@
-"""The program `edhas`: reads the command line, runs one command and reports wrong input in one message.
+"""The program `edhas`: reads the command line, runs one command and reports wrong input in one message."""
 
-No command imports JAX, pandas, matplotlib or SciPy before it runs, so that `edhas --help` answers at once.
-"""
-
-import argparse
 import contextlib
 import importlib
 import os
+import pkgutil
 import re
 import sys
 import time
 import warnings
 from collections.abc import Iterator
-from types import ModuleType
 
 import edhas_jax
+from edhas_jax.commands.command_line import WRONG_INPUT, make_parser
 from edhas_jax.commands.interruption import KEPT, STATUS_INTERRUPTED, Interruption
 from edhas_jax.commands.terminal import plain_characters
 from edhas_jax.core.literal_text import terminal_text
 
-STATUS_USER_ERROR = 2
 MAX_QUOTED = 200  # characters of a name in a message
-# in the order of the help
-COMMANDS = (
-    "new", "examples", "simulate", "sweep", "plot", "sensitivity", "size", "campaign", "compare", "fit", "diagnose",
-    "add", "plan", "export", "workbench", "check", "parameters", "effects", "schema", "device", "trust", "completion",
+USER_ERRORS = (  # by name, because their modules take long to import
+    "compiler.engines:EngineError", "compiler.gpu.cuda_driver:CudaError", "config.machine_config:ConfigError",
+    "config.result_files:ResultFileError", "core.runtime:CoresError", "core.trusted_code:TrustError",
+    "core.units:UnitError", "export.fmu_inputs:FmuError", "machine.effects:EffectError",
+    "machine.parameters:ParameterError", "machine.rig_base:RigError", "measurements.campaign:CampaignError",
+    "simulation.run:SimulationError", "workbench.workspace:WorkspaceError",
 )  # fmt: skip
-EPILOG = (
-    "A first run: edhas new pump, then edhas simulate my_pump.yaml. Exit status: 0 done; 1 a check found something; "
-    "2 wrong input; 3 the result is not valid; 4 a fit has not converged; 130 interrupted."
-)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -78,7 +72,7 @@ def _run(arguments: list[str], interruption: Interruption) -> int:
     # a name that is no text in UTF-8 reaches Python with surrogates, and cannot be written into any result
     if wrong := next((text for text in arguments if re.search("[\x00\ud800-\udfff]", text)), None):
         print(f"edhas: {_shortened(wrong)!r} is no name in UTF-8; rename the file or folder", file=sys.stderr)
-        return STATUS_USER_ERROR
+        return WRONG_INPUT
     began, parser = time.monotonic(), make_parser()
     if not arguments:
         parser.print_help()
@@ -88,7 +82,7 @@ def _run(arguments: list[str], interruption: Interruption) -> int:
     try:
         with warnings.catch_warnings():  # restores how warnings are shown, for callers within a process
             _prepare_process()
-            return options.command(options) or 0
+            return pkgutil.resolve_name(f"edhas_jax.commands.{options.run}")(options) or 0
     except Exception as error:
         if interruption.asked or isinstance(error, BrokenPipeError):
             raise
@@ -104,7 +98,7 @@ def _report(error: Exception) -> int:
         print(f"edhas: {terminal_text(place)}{error.strerror or error}", file=sys.stderr)
     else:
         raise error
-    return STATUS_USER_ERROR
+    return WRONG_INPUT
 
 
 def _shortened(text: str) -> str:
@@ -135,51 +129,13 @@ def _prepare_process() -> None:
 
 def _import_matplotlib_elsewhere() -> None:
     """Import matplotlib without the settings of the working folder, which may have it call other programs."""
-    here = os.getcwd()
-    os.chdir(os.path.dirname(edhas_jax.__file__))
-    try:
+    with contextlib.chdir(os.path.dirname(edhas_jax.__file__)):
         importlib.import_module("matplotlib")
-    finally:
-        os.chdir(here)
-
-
-def command_modules() -> list[ModuleType]:
-    """The modules of all commands, in the order of the help."""
-    return [importlib.import_module(f"edhas_jax.commands.{name}") for name in COMMANDS]
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
-    parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__, epilog=EPILOG)
-    parser.add_argument("--version", action="version", version=f"edhas_jax {edhas_jax.__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for module in command_modules():
-        module.add_parser(commands)
-    return parser
 
 
 def user_errors() -> tuple[type[Exception], ...]:
     """The errors of wrong input and of a GPU; any other one is a defect of the program and keeps its traceback."""
-    from edhas_jax.compiler.engines import EngineError
-    from edhas_jax.compiler.gpu.cuda_driver import CudaError
-    from edhas_jax.config.machine_config import ConfigError
-    from edhas_jax.config.run_folder import ResultFileError
-    from edhas_jax.core.runtime import CoresError
-    from edhas_jax.core.trusted_code import TrustError
-    from edhas_jax.core.units import UnitError
-    from edhas_jax.export.fmu_inputs import FmuError
-    from edhas_jax.machine.effects import EffectError
-    from edhas_jax.machine.parameters import ParameterError
-    from edhas_jax.machine.rig_base import RigError
-    from edhas_jax.measurements.campaign import CampaignError
-    from edhas_jax.simulation.run import SimulationError
-    from edhas_jax.workbench.workspace import WorkspaceError
-
-    return (
-        CampaignError, ConfigError, CoresError, CudaError, EffectError, EngineError, FmuError,
-        ParameterError, ResultFileError,
-        RigError, SimulationError, TrustError, UnitError, WorkspaceError,
-    )  # fmt: skip
+    return tuple(pkgutil.resolve_name(f"edhas_jax.{name}") for name in USER_ERRORS)
 
 
 if __name__ == "__main__":

@@ -5,42 +5,60 @@ import shlex
 import sys
 from pathlib import Path
 
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
 from edhas_jax.core.literal_text import terminal_text
+from edhas_jax.core.summary import SummaryTable, Tone, Toned, jsonable
 
 PIPE_WIDTH = 100_000  # characters; a pipe has no width, and nothing is cut or wrapped for one
 RIGHT_ALIGNED = ("value", "default", "share", "energy")
+STYLES = {Tone.GOOD: "green", Tone.CAUTION: "yellow", Tone.BAD: "bold red", Tone.QUIET: "dim", Tone.HEAD: "bold"}
 
 
-def console(options=None):
-    """A rich console as wide as the terminal; texts are data.
+class PlainConsole(Console):
+    """A console on which every text is data: no markup, no emoji codes, nothing that a terminal would obey.
+
+    Styles come as `Text` or as the style of a table.
+    """
+
+    def __init__(self, **options):
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options) -> Text:
+        """See `Console.render_str`."""
+        return super().render_str(terminal_text(text), **options)
+
+    def on_broken_pipe(self) -> None:
+        """See `Console.on_broken_pipe`; the command ends as it does wherever else its output has no reader."""
+        raise BrokenPipeError
+
+
+def console(options=None) -> PlainConsole:
+    """A console as wide as the terminal.
 
     Where there is no terminal nothing is wrapped or cut. With `--json` or `--quiet` nothing is printed on it.
     """
-    from edhas_jax.commands.plain_console import PlainConsole
-
     silent = getattr(options, "json", False) or getattr(options, "quiet", False)
     return PlainConsole(quiet=silent, **({} if sys.stdout.isatty() else {"width": PIPE_WIDTH}))
 
 
-def headed(head: str, text: str):
-    """A text for the console that begins with words in bold."""
-    from rich.text import Text
+def say(options, *lines: str) -> None:
+    """Print lines, none of which is cut."""
+    out = console(options)
+    for line in lines:
+        out.print(line, soft_wrap=True)
 
+
+def headed(head: str, text: str) -> Text:
+    """A text for the console that begins with words in bold."""
     return Text.assemble((terminal_text(head), "bold"), terminal_text(text))
 
 
-def styled(text: str, style: str):
-    """A text for the console in a style, such as "bold" or a colour."""
-    from rich.text import Text
-
-    return Text.assemble((terminal_text(text), style))
-
-
-def table(title: str | None, *columns: str, caption: str | None = None):
-    """An empty rich table with these columns; a cell that does not fit continues on the next line."""
-    from rich import box
-    from rich.table import Table
-
+def table(title: str | None, *columns: str, caption: str | None = None) -> Table:
+    """An empty table with these columns; a cell that does not fit continues on the next line."""
     empty = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False, title_style="bold",
                   caption=caption, caption_justify="left")  # fmt: skip
     for column in columns:
@@ -50,8 +68,6 @@ def table(title: str | None, *columns: str, caption: str | None = None):
 
 def print_summary(out, summary) -> None:
     """Print the title, tables and sentences of a `Summary`."""
-    from edhas_jax.core.summary import SummaryTable
-
     head, colon, rest = summary.title.partition(": ")
     out.print(headed(head, colon + rest), soft_wrap=True)
     for part in summary.parts:
@@ -61,7 +77,7 @@ def print_summary(out, summary) -> None:
             out.print(_in_tone(part), soft_wrap=True)
 
 
-def print_table(out, shown) -> None:
+def print_table(out, shown: SummaryTable) -> None:
     """Print a `SummaryTable`."""
     rows = table(shown.title or None, *shown.columns, caption=shown.caption or None)
     for row in shown.rows:
@@ -70,46 +86,38 @@ def print_table(out, shown) -> None:
 
 
 def _in_tone(text):
-    from edhas_jax.core.summary import Tone, Toned
-
-    if not isinstance(text, Toned):
-        return text
-    styles = {Tone.GOOD: "green", Tone.CAUTION: "yellow", Tone.BAD: "bold red", Tone.QUIET: "dim"}
-    return styled(text.text, styles.get(text.tone, "bold"))
+    return Text.assemble((terminal_text(text.text), STYLES[text.tone])) if isinstance(text, Toned) else text
 
 
-def finish(options, out, summary, folder: Path | None = None, next_command: str = "", written: str = "") -> None:
+def finish(options, summary, folder: Path | None = None, next_command: str = "", written: str = "") -> None:
     """End a command: the summary, what was written and where, and the next sensible command.
 
     With `--json` one JSON object goes to the standard output instead: the summary with `written` and `next`.
 
     Args:
         options: of the command line.
-        out: the console.
         summary: of the result.
         folder: the folder that was written; None: none.
         next_command: the next sensible command, without "edhas"; empty: none.
         written: the file that was written, where it is no folder.
     """
-    if getattr(options, "json", False):
+    if options.json:
         data = summary.as_json()
         if folder is not None or written:
             data["written"] = str(folder or written)
         print_json(data | ({"next": f"edhas {next_command}"} if next_command else {}))
         return
-    print_summary(out, summary)
+    print_summary(console(options), summary)
     if folder is not None:
-        out.print(f"written to {folder}: {file_names(folder)}", soft_wrap=True)
+        say(options, f"written to {folder}: {file_names(folder)}")
     elif written:
-        out.print(f"written: {written}", soft_wrap=True)
+        say(options, f"written: {written}")
     if next_command:
-        out.print(f"next: edhas {next_command}", soft_wrap=True)
+        say(options, f"next: edhas {next_command}")
 
 
 def print_json(data) -> None:
     """Print data as JSON, in ASCII where the terminal has no Unicode."""
-    from edhas_jax.core.summary import jsonable
-
     is_unicode = "utf" in (sys.stdout.encoding or "").lower()
     print(json.dumps(jsonable(data), indent=2, ensure_ascii=not is_unicode, allow_nan=False))
 
@@ -128,13 +136,6 @@ def print_data_check(out, campaign, more=()) -> None:
     remarks = [remark for remark in (*campaign.remarks, *more) if remark.sentence != noise]
     for line in [*([] if noise is None else [noise]), *brief_lines(remarks)]:
         out.print(line, soft_wrap=True)
-
-
-def save_figure(figure, path: Path) -> None:
-    """Write a matplotlib figure, see `edhas_jax.tasks.result.save_figure`."""
-    from edhas_jax.tasks.result import save_figure
-
-    save_figure(figure, path)
 
 
 def file_names(folder: Path) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from edhas_jax.commands.console import PlainConsole
 from edhas_jax.core.literal_text import terminal_text
 
 LINE_INTERVAL = 5.0  # s, between lines where there is no terminal
@@ -27,14 +28,12 @@ class WorkProgress:
         self._quiet, self._bar, self._task = getattr(options, "quiet", False), None, None
         self._sentence = sentence
         self._next_line = getattr(options, "began", time.monotonic()) + FIRST_LINE
-        self._file = ProgressFile()
+        self._file, self._last = os.environ.get(VARIABLE) or None, None
 
     def __enter__(self) -> "WorkProgress":
-        self._file.report(self._sentence)
+        self._report()
         if not self._quiet and sys.stderr.isatty():
             from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
-
-            from edhas_jax.commands.plain_console import PlainConsole
 
             text = TextColumn("{task.description}", markup=False)
             columns = SpinnerColumn(), text, BarColumn(), TimeRemainingColumn()
@@ -51,7 +50,7 @@ class WorkProgress:
     def __call__(self, sentence: str, share: float | None = None) -> None:
         """Show what is being done, and the share of it that is done, 0 … 1, where it is known."""
         self._sentence = sentence
-        self._file.report(sentence, share)
+        self._report(share)
         if self._bar is not None:
             known = {} if share is None else {"total": 1.0, "completed": share}
             self._bar.update(self._task, description=terminal_text(sentence), **known)
@@ -66,31 +65,26 @@ class WorkProgress:
 
     def numbers(self, numbers: Mapping[str, Any]) -> None:
         """Hand numbers on the present work to the program that has started the command."""
-        self._file.report(self._sentence, numbers=numbers)
+        self._report(numbers=numbers)
 
     def share(self, share: float) -> None:
         """Show the share of the present work that is done, 0 … 1."""
         self(self._sentence, share)
 
+    def _report(self, share: float | None = None, numbers: Mapping[str, Any] | None = None) -> None:
+        """Append a line of JSON to the file of progress, unless it says the same as the last one.
 
-class ProgressFile:
-    """Appends a line of JSON for each report: `at` [s since 1970], `what`, `share` done (0 … 1), `numbers` (SI)."""
-
-    def __init__(self):
-        named = os.environ.get(VARIABLE)
-        self._path = Path(named) if named else None
-        self._last: tuple[str, int] | None = None
-
-    def report(self, what: str, share: float | None = None, numbers: Mapping[str, Any] | None = None) -> None:
-        """Append a line, unless it says the same as the last one; a file that cannot be written ends the reports."""
-        shown = what, -1 if share is None else int(100.0 * share)
-        if self._path is None or (shown == self._last and numbers is None):
+        It has `at` [s since 1970], `what`, the `share` done (0 … 1) and `numbers` (SI). A file that cannot be written
+        ends the reports.
+        """
+        shown = self._sentence, -1 if share is None else int(100.0 * share)
+        if self._file is None or (shown == self._last and numbers is None):
             return
         self._last = shown
-        line = {"at": time.time(), "what": what} | ({} if share is None else {"share": round(share, 4)})
+        line = {"at": time.time(), "what": self._sentence} | ({} if share is None else {"share": round(share, 4)})
         line |= {} if numbers is None else {"numbers": dict(numbers)}
         try:
-            with self._path.open("a", encoding="utf-8") as file:
+            with Path(self._file).open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line, ensure_ascii=False) + "\n")
         except OSError:
-            self._path = None
+            self._file = None

@@ -6,6 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core.plot_style import COLOURS, GREY, GRID, INK
+from edhas_jax.core.units import format_number
+
+LOG_TICKS = (1.0, 2.0, 5.0)  # within a decade of a logarithmic axis
 
 
 class Tone(enum.Enum):
@@ -92,3 +95,26 @@ def style_axes(axes, x_title: str = "", y_title: str = "", grid: str = "both", s
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=GREY, labelsize=size - 1)
+
+
+def add_colour_bar(figure, drawn, axes, label: str, aspect: float = 28, pad: float = 0.02):
+    """Add a bar of the colours of what was `drawn` into axes of matplotlib, without a frame; returns it."""
+    bar = figure.colorbar(drawn, ax=axes, pad=pad, aspect=aspect)
+    bar.set_label(label, color=INK)
+    bar.outline.set_visible(False)
+    return bar
+
+
+def add_title(figure, text: str, size: float = 11) -> None:
+    """Add a title above all axes of a figure of matplotlib, in a size [pt], from its left edge."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=size, color=INK)
+
+
+def set_log_scale(axis) -> None:
+    """Give an axis of matplotlib, such as `axes.xaxis`, a logarithmic scale with ticks at 1, 2, 5, 10, …."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    axis.set_major_locator(LogLocator(subs=LOG_TICKS))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: format_number(value, 3)))
+    axis.set_minor_formatter(NullFormatter())

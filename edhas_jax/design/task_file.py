@@ -32,7 +32,7 @@ from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import format_quantity
 from edhas_jax.design.batch.batch import BatchSettings, runs_designs, settings_of_batch
 from edhas_jax.design.batch.design_table import resolve_parameter
-from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, Axis, DesignError, first_repeated
+from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, Axis, DesignError
 from edhas_jax.machine.parameters import find_parameter, replace_value
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.run_settings import Precision, Simulation
@@ -215,6 +215,15 @@ def read_axes(section: Entry, machine: Rig | None, kind: str) -> tuple[Axis, ...
 def _read_axis(entry: Entry, p: Parameter, column: str, kind: str) -> Axis | None:
     """One axis; None if its keys have problems or contradict each other."""
     problems_before = len(entry.problems)
+
+    def axis(where: Entry, **values) -> Axis | None:
+        if len(entry.problems) > problems_before:
+            return None
+        try:
+            return Axis(column, unit=p.unit, **values)
+        except DesignError as error:
+            return where.add(str(error).partition(": ")[2])
+
     if isinstance(entry.value, list):
         entry = Entry({"values": entry.value}, entry.key, entry.problems)
     if not isinstance(entry.value, Mapping):
@@ -229,10 +238,7 @@ def _read_axis(entry: Entry, p: Parameter, column: str, kind: str) -> Axis | Non
         listed = entry["values"]
         if not isinstance(listed.value, list) or not listed.value:
             return listed.add("a list of at least one value belongs here")
-        values = list_of(quantity(p)).read(listed)
-        if len(entry.problems) == problems_before and (repeated := first_repeated(values)) is not None:
-            listed.add(f"{format_quantity(repeated, p.unit)} is listed twice")
-        return Axis(column, values=tuple(values)) if len(entry.problems) == problems_before else None
+        return axis(listed, values=tuple(list_of(quantity(p)).read(listed) or ()))
     for name in ("from", "to"):
         if name not in entry:
             return entry.add(f"`{name}` is missing; give `from` and `to`, or `values`")
@@ -240,13 +246,5 @@ def _read_axis(entry: Entry, p: Parameter, column: str, kind: str) -> Axis | Non
         keys.keys["count"].kind.read(entry["count"])
     elif kind != "grid" and "count" in entry:
         entry["count"].add(f"belongs to a grid; a {kind} has one count for all, in `sweep:`")
-    if len(entry.problems) > problems_before:
-        return None
-    low, high = given["from"], given["to"]
-    if not low < high:
-        low, high = (format_quantity(end, p.unit) for end in (low, high))
-        return entry.add(f"the range from {low} to {high} is empty; `from` must lie below `to`")
-    try:
-        return Axis(column, low, high, given["count"] or 0, log=given["spacing"] is Spacing.LOG)
-    except DesignError as error:
-        return entry.add(str(error).partition(": ")[2])
+    is_log = given["spacing"] is Spacing.LOG
+    return axis(entry, low=given["from"], high=given["to"], count=given["count"] or 0, log=is_log)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,22 +55,13 @@ class ComparisonResult(Result, Comparison):
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(found, 1)]
         counted = runs_text(compared.run for compared in self.runs)
         title = f"{self.campaign.name}: model and measurements, {counted}, {len(self.signals)} signals"
-        nothing = ["The residuals hold nothing but the noise of the sensors."]
-        tables = [self._residuals(title, matrix) for title, matrix in self.matrices().items()]
-        return Summary(title, (*tables, *(numbered or nothing)))
+        tables = [residual_table(n.replace(" ", "_"), "run", self.signals, m, n) for n, m in self.matrices().items()]
+        return Summary(title, (*tables, *(numbered or ["The residuals hold nothing but the noise of the sensors."])))
 
     def matrices(self) -> dict[str, Mapping[str, Mapping[str, float]]]:
         """Residual over noise by title, run and signal: plain, and with the bench corrected where that is known."""
         found: dict[str, Mapping[str, Mapping[str, float]]] = {RESIDUAL: self.rms_over_noise()}
         return found | ({f"{RESIDUAL} {BENCH_CORRECTED}": self.bench_corrected} if self.bench_corrected else {})
-
-    def _residuals(self, title: str, matrix: Mapping[str, Mapping[str, float]]) -> SummaryTable:
-        rows, records = [], []
-        for run, row in matrix.items():
-            rows.append((run, *("" if n not in row else toned_residual(row[n]) for n in self.signals)))
-            records.append({"run": run, **{n: row.get(n) for n in self.signals}})
-        name = title.replace(" ", "_")
-        return SummaryTable.of(name, ("run", *self.signals), rows, records, title)
 
     def plot(self):
         """Plot residual over noise of every run and signal, as a matplotlib figure."""
@@ -105,6 +96,24 @@ def toned_residual(value: float) -> Toned:
     """A residual over noise as text: good where it is noise alone, bad where the model fails."""
     tone = Tone.GOOD if value < GOOD_RESIDUAL else Tone.CAUTION if value < BAD_RESIDUAL else Tone.BAD
     return Toned(f"{value:.2f}", tone)
+
+
+def residual_table(
+    name: str, head: str, columns: Iterable[str], matrix: Mapping[str, Mapping[str, float]], title: str
+) -> SummaryTable:
+    """A table of residuals over noise by row and column, some of which may be missing."""
+    rows = [(n, *("" if c not in row else toned_residual(row[c]) for c in columns)) for n, row in matrix.items()]
+    records = [{head: n, **{c: row.get(c) for c in columns}} for n, row in matrix.items()]
+    return SummaryTable.of(name, (head, *columns), rows, records, title)
+
+
+def errors_table(errors: Mapping[str, Mapping[str, Mapping[str, float]]]) -> SummaryTable:
+    """Residual over noise by state of the model, use of the runs ("fit", "holdout") and signal, a row per signal."""
+    uses = {"fit": "fitted", "holdout": "held out"}
+    found = {f"{state}, {called}": by[use] for use, called in uses.items() for state, by in errors.items()}
+    signals = next(iter(found.values()))
+    matrix = {n: {column: of[n] for column, of in found.items() if n in of} for n in signals}
+    return residual_table("residual_over_noise", "signal", found, matrix, "residual over noise")
 
 
 def compare(

@@ -1,7 +1,7 @@
 """Diagnose: which effect the model of a campaign's machine lacks, and of what size."""
 
-import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 from edhas_jax.core.optional_parts import OptionalParts
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
+from edhas_jax.design.sweep.dask_cluster import dask_executor
 from edhas_jax.diagnosis.planning import next_experiment as planning
 from edhas_jax.diagnosis.report.bench_findings import bench_rows
 from edhas_jax.diagnosis.report.conclusions import conclusions, explains_little, outcome, parameters_text
@@ -25,7 +26,7 @@ from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.data_summary import data_sentences
-from edhas_jax.tasks.compare import toned_residual
+from edhas_jax.tasks.compare import errors_table
 from edhas_jax.tasks.result import Result, save_figure, with_methods
 
 MAX_BENCH_ROWS, MAX_SET_ROWS = 10, 6  # deviations of the bench and sets in the summary; the report lists more
@@ -56,7 +57,7 @@ class DiagnosisResult(Result, Diagnosis):
         tone = VERDICT_TONES.get(self.verdict, Tone.CAUTION)
         sentences = [Toned(s, tone) if s == found[0] else s for s in data_sentences(self.campaign, found)]
         bench = [self._bench()] if bench_rows(self.after) else []
-        return Summary(title, (*bench, self._sets(), self._candidates(), self._errors(), *sentences))
+        return Summary(title, (*bench, self._sets(), self._candidates(), errors_table(self.errors()), *sentences))
 
     def summary_with(self, experiment: Any, failures: Sequence[str]) -> Summary:
         """The summary with the recommended run and sentences on what could not be made."""
@@ -98,14 +99,6 @@ class DiagnosisResult(Result, Diagnosis):
         columns = "effect", "outcome", "where", "size", "probability", "new runs, residual over noise"
         return SummaryTable.of("candidates", columns, rows, records, "candidates")
 
-    def _errors(self) -> SummaryTable:
-        errors = self.errors()
-        columns = [f"{state}, {use}" for use in ("fitted", "held out") for state in errors]
-        values = [errors[state][use] for use in ("fit", "holdout") for state in errors]
-        rows = [(n, *("" if n not in c else toned_residual(c[n]) for c in values)) for n in values[0]]
-        records = [{"signal": n, **{c: v.get(n) for c, v in zip(columns, values, strict=True)}} for n in values[0]]
-        return SummaryTable.of("residual_over_noise", ("signal", *columns), rows, records, "residual over noise")
-
     def plot(self):
         """Plot run, suspects, the run with the effects that were found, and the errors, as a matplotlib figure."""
         return draw_overview(self)
@@ -135,32 +128,24 @@ class DiagnosisResult(Result, Diagnosis):
         Returns:
             The next experiment or None, a sentence on each part that failed, and whether the user has interrupted it.
         """
-        optional, interrupted, found = OptionalParts(), False, []
+        optional, interrupted, experiment = OptionalParts(), False, None
         optional.failures += failures
+        say, path = on_progress or (lambda sentence: None), folder / "report.html"
         save_diagnosis(self, folder)
         try:
-            self._write_optional_parts(folder, optional, on_progress or (lambda sentence: None), found)
+            say("writing the report")
+            optional.attempt("The report", lambda: write_report(self, path, pictures=False))
+            say("looking for the most informative next run")
+            experiment = optional.attempt("The next experiment", self.next_experiment)
+            say("drawing the pictures")
+            optional.attempt("diagnosis.png", lambda: save_figure(self.plot(), folder / "diagnosis.png"))
+            with_pictures = functools.partial(write_report, self, path, experiment, optional.failures)
+            optional.failures += optional.attempt("The report with pictures", with_pictures) or []
         except KeyboardInterrupt:
             optional.failures.append(INTERRUPTED)
             interrupted = True
-        experiment = found[0] if found else None
         save_diagnosis(self, folder, None if experiment is None else experiment.as_json(), optional.failures)
         return experiment, optional.failures, interrupted
-
-    def _write_optional_parts(self, folder: Path, optional: OptionalParts, report, found: list) -> None:
-        """Report, next experiment (appended to `found`) and pictures; each may fail alone."""
-        path = folder / "report.html"
-        report("writing the report")
-        optional.attempt("The report", lambda: write_report(self, path, pictures=False))
-        report("looking for the most informative next run")
-        experiment = optional.attempt("The next experiment", self.next_experiment)
-        found += [] if experiment is None else [experiment]
-        report("drawing the pictures")
-        optional.attempt("diagnosis.png", lambda: save_figure(self.plot(), folder / "diagnosis.png"))
-        failed = optional.attempt(
-            "The report with pictures", lambda: write_report(self, path, experiment, optional.failures)
-        )
-        optional.failures += failed or []
 
 
 def diagnose(
@@ -194,13 +179,9 @@ def diagnose(
     more = [load_effect(e, trust=[e]) if isinstance(e, str) else e for e in effects]
     options = {"more": more, "on_progress": on_progress, "checkpoint": checkpoint}
     options |= {} if library is None else {"library": library}
-    with contextlib.ExitStack() as stack:
-        if cluster is not None:
-            from edhas_jax.design.sweep.dask_cluster import dask_executor
-
-            options["executor"] = stack.enter_context(dask_executor(cluster, program_versions))
+    with dask_executor(cluster, program_versions) as executor:
         try:
-            found = search(as_campaign(campaign, trust), **options)
+            found = search(as_campaign(campaign, trust), executor=executor, **options)
         except FitError as error:
             raise CampaignError(str(error)) from None
     return with_methods(DiagnosisResult, found)

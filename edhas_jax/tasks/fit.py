@@ -24,8 +24,8 @@ from edhas_jax.measurements.campaign import Campaign, CampaignError
 from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
-from edhas_jax.tasks.compare import toned_residual
-from edhas_jax.tasks.result import Result, with_methods
+from edhas_jax.tasks.compare import errors_table
+from edhas_jax.tasks.result import Result
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -54,15 +54,8 @@ class FitResult(Result, Calibration):
         findings = [sentence for sentence in self.findings() if sentence != said]
         warning = [] if said is None else [Toned(said, Tone.BAD)]
         numbered = [f"{number}. {sentence}" for number, sentence in enumerate(findings, 1)]
-        return Summary(title, (*warning, self._errors(), self._estimates(), *numbered, *self.failures))
-
-    def _errors(self) -> SummaryTable:
-        columns = [f"{state}, {use}" for use in ("fitted", "held out") for state in ("before", "calibrated")]
-        errors = self.rms_residuals()
-        values = [errors[state][use] for use in ("fit", "holdout") for state in ("before", "calibrated")]
-        rows = [(n, *("" if n not in c else toned_residual(c[n]) for c in values)) for n in values[0]]
-        records = [{"signal": n, **{c: v.get(n) for c, v in zip(columns, values, strict=True)}} for n in values[0]]
-        return SummaryTable.of("residual_over_noise", ("signal", *columns), rows, records, "residual over noise")
+        tables = errors_table(self.rms_residuals()), self._estimates()
+        return Summary(title, (*warning, *tables, *numbered, *self.failures))
 
     def _estimates(self) -> SummaryTable:
         fit, rows, records = self.fit, [], []
@@ -153,7 +146,6 @@ def fit(
     report("checking the data")
     given = checked_campaign(as_campaign(campaign, trust))
     choices = read_choices(choices, given)
-    is_chosen = choices != FitChoices()
     require_uncertain(profiles, [u.name for u in choices.unknowns(choices.applied(given))])
     report("reading")
     try:
@@ -165,12 +157,12 @@ def fit(
     before = campaign_residuals(campaign, given.machine, Instruments(), fine)
     fitted = dataclasses.replace(found.campaign, channels=campaign.channels)
     after = campaign_residuals(fitted, found.machine, found.instruments, fine)
-    chosen = {"choices": choices, "given": given} if is_chosen else {}
-    result = Calibration(found, None, (), before, after, time.perf_counter() - began, **chosen)
+    chosen = {"choices": choices, "given": given} if choices != FitChoices() else {}
+    result = FitResult(found, None, (), before, after, time.perf_counter() - began, **chosen)
     if keep is not None:
-        keep(with_methods(FitResult, result))
+        keep(result)
     if found.stopped:
-        return with_methods(FitResult, result, interrupted=True)
+        return dataclasses.replace(result, interrupted=True)
     drift, likelihoods, assumed, interrupted = None, [], [], False
     try:
         drift = optional.attempt(
@@ -187,9 +179,10 @@ def fit(
     except KeyboardInterrupt:
         optional.failures.append("Interrupted: the results so far are written.")
         interrupted = True
-    seconds = time.perf_counter() - began
-    result = Calibration(found, drift, tuple(likelihoods), before, after, seconds, tuple(assumed), **chosen)
-    return with_methods(FitResult, result, failures=tuple(optional.failures), interrupted=interrupted)
+    return dataclasses.replace(
+        result, drift=drift, profiles=tuple(likelihoods), seconds=time.perf_counter() - began, assumed=tuple(assumed),
+        failures=tuple(optional.failures), interrupted=interrupted,
+    )  # fmt: skip
 
 
 def require_uncertain(profiles: Sequence[str], uncertain: Sequence[str]) -> None:

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.core.structs import Parameter
 from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.machine.parameters import ParameterError
 from edhas_jax.machine.rigs import Rig
@@ -24,25 +23,24 @@ def axis(machine: Rig, name: str, spec: Any) -> Any:
     Args:
         machine: the machine that owns the parameter.
         name: of the parameter.
-        spec: a tuple (from, to), (from, to, count) or (from, to, count, "log"), a list or array of values, or what a
-            configuration has. Numbers are in SI.
+        spec: a tuple (from, to), (from, to, count), (from, to, "log") or (from, to, count, "log"), a list or array of
+            values, or what a configuration has. Numbers are in SI.
 
     Returns:
         A mapping with `from` and `to` or with `values`, or a single value; what is wrong in it is found by its reader.
     """
     try:
-        unit = _declaration(machine, name).unit
+        unit = resolve_parameter(machine, name)[0].unit
     except ParameterError:
         unit = "-"  # the reader names the parameter
     if isinstance(spec, Mapping):
-        return {k: _converted(unit, v) if k in ("from", "to", "values") else v for k, v in spec.items()}
+        return {k: v if k in ("count", "spacing") else _converted(unit, v) for k, v in spec.items()}
     if isinstance(spec, tuple) and 2 <= len(spec) <= 4:
         ends = {"from": quantity(unit, spec[0]), "to": quantity(unit, spec[1])}
-        count = {"count": str(spec[2])} if len(spec) > 2 else {}
-        return ends | count | ({"spacing": spec[3]} if len(spec) == 4 else {})
-    if isinstance(spec, list | tuple | range | np.ndarray):
-        return {"values": _converted(unit, list(spec))}
-    return quantity(unit, spec)
+        rest = ("spacing",) if spec[2:] == ("log",) else ("count", "spacing")
+        return ends | dict(zip(rest, map(str, spec[2:]), strict=False))
+    values = _converted(unit, spec)
+    return {"values": values} if isinstance(values, list) else values
 
 
 def axes(machine: Rig, specs: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -62,24 +60,11 @@ def bounds(machine: Rig, limits: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def tolerances(machine: Rig, robust: Mapping[str, Any] | None) -> dict[str, Any]:
     """The section `robust` of a sizing, with numbers in SI."""
-    if not robust:
-        return {}
-    rows = robust.get("tolerances")
-    if not isinstance(rows, Mapping):
-        return dict(robust)
-    converted = {}
-    for name, ends in rows.items():
-        try:
-            unit = _declaration(machine, name).unit
-        except ParameterError:
-            unit = "-"
-        converted[name] = {k: quantity(unit, v) for k, v in ends.items()} if isinstance(ends, Mapping) else ends
-    return {**robust, "tolerances": converted}
+    rows = (robust or {}).get("tolerances")
+    return {**(robust or {})} | ({"tolerances": axes(machine, rows)} if isinstance(rows, Mapping) else {})
 
 
 def _converted(unit: str, value: Any) -> Any:
-    return [quantity(unit, v) for v in value] if isinstance(value, list | tuple | np.ndarray) else quantity(unit, value)
-
-
-def _declaration(machine: Rig, name: str) -> Parameter:
-    return resolve_parameter(machine, name)[0]
+    if isinstance(value, list | tuple | range | np.ndarray):
+        return [quantity(unit, v) for v in value]
+    return quantity(unit, value)

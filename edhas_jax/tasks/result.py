@@ -46,14 +46,21 @@ class Result(abc.ABC):
         Raises:
             ResultFileError: it exists and `overwrite` is false, or it cannot be written.
         """
-        folder = Path(folder)
-        files = self.reserve(folder, overwrite)
-        with report_write_errors(folder):
+        self.write(self.reserve(Path(folder), overwrite))
+        return Path(folder)
+
+    def write(self, files: ResultFiles) -> Sequence[str]:
+        """Write the result into the folder of `files`, which `reserve` has given; a sentence on each part that failed.
+
+        Raises:
+            ResultFileError: it cannot be written.
+        """
+        with report_write_errors(files.folder):
             files.begin()
-            self.write_files(folder)
-            self.write_summary(folder)
+            failures = self.write_files(files.folder)
+            self.write_summary(files.folder)
             files.finish()
-        return folder
+        return failures
 
     @classmethod
     def reserve(cls, folder: Path, overwrite: bool) -> ResultFiles:
@@ -169,13 +176,17 @@ class SavedResult:
         """A table of the folder, such as "points", as a pandas DataFrame.
 
         Raises:
-            ResultFileError: there is no such table.
+            ResultFileError: there is no such table, or it is damaged.
         """
         import pandas as pd
+        import pyarrow as pa
 
         for suffix, read in ((".parquet", pd.read_parquet), (".csv", pd.read_csv)):
             if (self.folder / (name + suffix)).is_file():
-                return read(self.folder / (name + suffix))
+                try:
+                    return read(self.folder / (name + suffix))
+                except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+                    raise ResultFileError(f"{self.folder}: unreadable or incomplete: {error}") from None
         there = ", ".join(sorted(p.stem for p in self.folder.iterdir() if p.suffix in (".parquet", ".csv"))) or "none"
         raise ResultFileError(f"{self.folder}: no table {name}; there are: {there}")
 
@@ -221,6 +232,8 @@ def open_result(path: Path | str):
         made = json.loads((path / SUMMARY_FILE).read_text(encoding="utf-8"))
         name = next((n for n in DATA_FILES if (path / n).is_file()), None)
         numbers = {} if name is None else json.loads((path / name).read_text(encoding="utf-8"))
+        if not isinstance(numbers, dict):
+            raise ValueError(f"{name} holds no numbers by name")
         made_by = f"edhas_jax {made['edhas_jax']}, {made['date']}"
         return SavedResult(path, str(made["task"]), made_by, jsonable(numbers), Summary.from_json(made["summary"]))
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:

@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.config.machine_config import Config, as_config
+from edhas_jax.config.machine_config import Config, ConfigError, as_config
+from edhas_jax.config.writer import dump_config
+from edhas_jax.config.yaml_with_lines import YamlError, parse_yaml, read_text_file
 from edhas_jax.core.summary import Summary, SummaryTable
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
@@ -14,8 +16,8 @@ from edhas_jax.design.sensitivity.analysis import SensitivityResult as Sensitivi
 from edhas_jax.design.sensitivity.analysis import analyse_sensitivity
 from edhas_jax.design.sensitivity.config import SensitivityTask, load_sensitivity
 from edhas_jax.design.sensitivity.figures import draw_local, draw_morris, draw_sobol
-from edhas_jax.design.sensitivity.result_folder import save_sensitivity
 from edhas_jax.machine.rigs import Rig
+from edhas_jax.simulation.run_settings import Simulation
 from edhas_jax.tasks.python_values import axes
 from edhas_jax.tasks.result import Result, save_figure, with_methods
 
@@ -90,12 +92,13 @@ class SensitivityResult(Result, SensitivityTables):
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`."""
-        save_sensitivity(self.task, self, folder)
-        save_figure(self.plot(), folder / "local.png")
-        if self.sobol is not None:
-            save_figure(self.plot_sobol(), folder / "sobol.png")
-        if self.morris is not None:
-            save_figure(self.plot_morris(), folder / "morris.png")
+        (folder / "sensitivity.yaml").write_text(self.task.text, encoding="utf-8")
+        (folder / "machine.yaml").write_text(dump_config(self.task.machine, Simulation()), encoding="utf-8")
+        self.points.to_parquet(folder / "points.parquet")
+        for name, plot in (("local", self.plot), ("sobol", self.plot_sobol), ("morris", self.plot_morris)):
+            if getattr(self, name) is not None:
+                getattr(self, name).to_parquet(folder / f"{name}.parquet")
+                save_figure(plot(), folder / f"{name}.png")
         return ()
 
 
@@ -138,19 +141,13 @@ def sensitivity(
         machine = as_config(source, trust).machine
         given = {"machine": machine, "metrics": list(metrics or ()), "local": list(parameters or ()),
                  "samples": str(samples), "trajectories": str(trajectories), "seed": str(seed)}  # fmt: skip
-        if points:
-            given["points"] = axes(machine, points)
-        if ranges:
-            given["ranges"] = axes(machine, ranges)
+        given |= {n: axes(machine, of) for n, of in (("points", points), ("ranges", ranges)) if of}
         task = load_sensitivity(given, trust)
     return with_methods(SensitivityResult, analyse_sensitivity(task, on_progress), task=task)
 
 
 def _is_task(path: Path | str) -> bool:
     """Whether a file describes an analysis and not a machine: it names no rig of its own."""
-    from edhas_jax.config.machine_config import ConfigError
-    from edhas_jax.config.yaml_with_lines import YamlError, parse_yaml, read_text_file
-
     try:
         return "rig" not in parse_yaml(read_text_file(Path(path), ConfigError))[0]
     except YamlError:

@@ -6,17 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from edhas_jax.config.machine_config import Config, as_config
-from edhas_jax.core.summary import Summary, SummaryTable
+from edhas_jax.config.run_folder import write_json
+from edhas_jax.config.writer import dump_config
+from edhas_jax.core.summary import Summary, SummaryTable, jsonable
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity, from_si
-from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask, load_sizing
 from edhas_jax.design.sizing.figures import draw_front, draw_path
-from edhas_jax.design.sizing.result_folder import save_sizing
 from edhas_jax.design.sizing.size import SizedMachine, SizingResult
 from edhas_jax.design.sizing.size import size as solve
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
+from edhas_jax.simulation.run_settings import Simulation
 from edhas_jax.tasks.python_values import axes, bounds, tolerances
 from edhas_jax.tasks.result import Result, save_figure, with_methods
 
@@ -57,11 +58,10 @@ class SizeResult(Result, SizingResult):
     def _dimensions(self, names: list[str]) -> SummaryTable:
         rows, records = [], []
         for axis in self.task.variables:
-            unit = resolve_parameter(self.task.machine, axis.name)[0].unit
             start = float(get_parameter(self.task.machine, axis.name))
             values = [start, *(s.design[axis.name] for s in self.machines)]
-            rows.append((axis.name, *(format_quantity(v, unit) for v in values)))
-            records.append({"dimension": axis.name, "unit": unit, **dict(zip(names, values, strict=True))})
+            rows.append((axis.name, *(format_quantity(v, axis.unit) for v in values)))
+            records.append({"dimension": axis.name, "unit": axis.unit, **dict(zip(names, values, strict=True))})
         return SummaryTable.of("dimensions", ("dimension", *names), rows, records, "dimensions")
 
     def _metrics(self, names: list[str]) -> SummaryTable:
@@ -97,11 +97,29 @@ class SizeResult(Result, SizingResult):
 
     def write_files(self, folder: Path) -> Sequence[str]:
         """See `Result.write_files`; the machines as configurations that `edhas simulate` runs."""
-        save_sizing(self.task, self, folder)
+        simulation, count = Simulation(step=self.task.settings.step), len(self.machines)
+        names = ["sized.yaml"] if count == 1 else [f"sized_{k + 1}.yaml" for k in range(count)]
+        machines = [sized.machine for sized in self.machines]
+        for name, machine in zip((*names, "start.yaml"), (*machines, self.task.machine), strict=True):
+            (folder / name).write_text(dump_config(machine, simulation), encoding="utf-8")
+        (folder / "sizing.yaml").write_text(self.task.text, encoding="utf-8")
+        self.path.to_parquet(folder / "path.parquet")
+        write_json(folder / "result.json", jsonable({
+            "start": _numbers(self.start),
+            "machines": [_numbers(s) | {"config": name} for name, s in zip(names, self.machines, strict=True)],
+            "share of starts within 1 %": self.share_near_best,
+            "machine_seconds": self.machine_seconds, "seconds": self.seconds,
+        }))  # fmt: skip
         save_figure(self.plot(), folder / "path.png")
         if self.task.front:
             save_figure(self.plot_front(), folder / "front.png")
         return ()
+
+
+def _numbers(sized: SizedMachine) -> dict[str, Any]:
+    """A sized machine as plain data."""
+    row = dataclasses.asdict(dataclasses.replace(sized, machine=None, metrics=None))
+    return {n: v for n, v in row.items() if v is not None} | {"metrics": sized.metrics.to_dict("records")}
 
 
 def size(
@@ -145,9 +163,8 @@ def size(
     task = source
     if free is not None:
         machine = as_config(source, trust).machine
-        ranges = {n: (*s[:2], 2, s[2]) if isinstance(s, tuple) and s[2:] == ("log",) else s for n, s in free.items()}
         task = load_sizing({
-            "machine": machine, "free": {n: _without_count(s) for n, s in axes(machine, ranges).items()},
+            "machine": machine, "free": {n: _without_count(s) for n, s in axes(machine, free).items()},
             "objective": {"maximise": _weights(maximise), "minimise": _weights(minimise)},
             "constraints": bounds(machine, constraints), "points": axes(machine, points),
             "robust": tolerances(machine, robust),

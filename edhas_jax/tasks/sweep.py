@@ -10,15 +10,10 @@ from typing import Any
 from edhas_jax.config.document import Entry, problem_lines
 from edhas_jax.config.machine_config import Config, ConfigError, as_config
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.design.batch.batch import (
-    BatchSettings,
-    engine_of_designs,
-    plan_chunks,
-    run_designs,
-    settings_of_batch,
-)
+from edhas_jax.design.batch.batch import BatchSettings, engine_of_designs, plan_chunks, run_designs, settings_of_batch
 from edhas_jax.design.batch.experiment_design import DesignError, full_factorial, latin_hypercube
 from edhas_jax.design.sweep.config import Sweep, load_sweep
+from edhas_jax.design.sweep.dask_cluster import dask_executor
 from edhas_jax.design.sweep.dataset import SweepData, to_dataset
 from edhas_jax.design.sweep.folder import sweep_description
 from edhas_jax.design.sweep.identity import machine_text, versions
@@ -71,12 +66,7 @@ def sweep(
     if folder is not None or cluster is not None:
         with contextlib.ExitStack() as stack:
             kept = folder or stack.enter_context(tempfile.TemporaryDirectory(prefix="edhas_sweep_"))
-            executor = None
-            if cluster is not None:
-                from edhas_jax.design.sweep.dask_cluster import dask_executor
-
-                executor = stack.enter_context(dask_executor(cluster))
-            stream_sweep(task, kept, executor, on_progress)
+            stream_sweep(task, kept, stack.enter_context(dask_executor(cluster)), on_progress)
             return to_dataset(open_sweep(kept))
     metrics = run_designs(task.machine, task.designs, task.settings, on_progress)
     on_gpu = any(chunk.many_lanes for chunk in plan_chunks(task.machine, task.designs, task.settings))

@@ -10,9 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from edhas_jax.design.sizing.config import load_sizing
-from edhas_jax.design.sizing.figures import draw_front
-from edhas_jax.design.sizing.result_folder import save_sizing
-from edhas_jax.design.sizing.size import size
+from edhas_jax.tasks.size import size
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "size_pump.yaml"
@@ -30,9 +28,8 @@ def main(arguments: list[str] | None = None) -> dict[str, float]:
     task = dataclasses.replace(load_sizing(options.config), front=options.designs, starts=options.starts,
                                iterations=options.iterations)  # fmt: skip
     with Console().status("sizing") as status:
-        result = size(task, lambda what, share: status.update(what))
-    save_sizing(task, result, options.out)
-    draw_front(task, result).savefig(options.out / "front.png", dpi=130)
+        result = size(task, on_progress=lambda what, share: status.update(what))
+    result.save(options.out, overwrite=True)
     metrics = list(task.weights)
     for k, sized in enumerate(result.machines):
         values = "  ".join(f"{m} {sized.metrics[m].mean():.4g}" for m in metrics)

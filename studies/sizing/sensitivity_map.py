@@ -10,11 +10,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from edhas_jax.design.batch.design_table import resolve_parameter
-from edhas_jax.design.sensitivity.analysis import analyse_sensitivity
 from edhas_jax.design.sensitivity.config import load_sensitivity
-from edhas_jax.design.sensitivity.figures import draw_local, draw_sobol
-from edhas_jax.design.sensitivity.result_folder import save_sensitivity
+from edhas_jax.tasks.sensitivity import sensitivity
 from studies import CONFIGS
 
 CONFIG = CONFIGS / "sensitivity.yaml"
@@ -29,11 +26,8 @@ def main(arguments: list[str] | None = None) -> dict[str, str]:
     options = parser.parse_args(arguments)
     task = dataclasses.replace(load_sensitivity(options.config), samples=options.samples, trajectories=0)
     with Console().status("analysing") as status:
-        findings = analyse_sensitivity(task, lambda what, share: status.update(f"{what}, {share:.0%}"))
-    save_sensitivity(task, findings, options.out)
-    units = {n: resolve_parameter(task.machine, n)[0].unit for n in findings.points.columns}
-    draw_local(findings, units).savefig(options.out / "local.png", dpi=130)
-    draw_sobol(findings, units).savefig(options.out / "sobol.png", dpi=130)
+        findings = sensitivity(task, on_progress=lambda what, share: status.update(f"{what}, {share:.0%}"))
+    findings.save(options.out, overwrite=True)
     flow = findings.sobol[findings.sobol["output"] == task.metrics[0]]
     frequency, names = findings.points["frequency"], {}
     table = Table("point", *findings.points.columns, f"largest effect on {task.metrics[0]}", "total index")

@@ -1,6 +1,7 @@
 """The command line from end to end, run in this process."""
 
 import json
+import pkgutil
 import re
 import signal
 import subprocess
@@ -11,7 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.commands.cli import command_modules, main
+from edhas_jax.commands.cli import main
+from edhas_jax.commands.command_line import COMMANDS
 from tests.support import CONFIGS, ROOT
 
 SHORT_RUN = ["--set", "duration=0.25s", "--set", "sample_rate=2kHz", "--no-figure"]
@@ -155,11 +157,15 @@ def test_help_imports_no_numerical_package():
 
 
 def test_every_command_has_help(capsys):
-    for command in command_modules():
-        name = command.__name__.rpartition(".")[2]
+    for command in COMMANDS:
         with pytest.raises(SystemExit) as ended:
-            main([name, "--help"])
-        assert ended.value.code == 0 and f"usage: edhas {name}" in capsys.readouterr().out
+            main([*command.name.split(), "--help"])
+        assert ended.value.code == 0 and f"usage: edhas {command.name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_every_command_has_a_function(command):
+    assert callable(pkgutil.resolve_name(f"edhas_jax.commands.{command.run}"))
 
 
 @pytest.mark.parametrize("arguments", ["effects", "--help", "schema"])

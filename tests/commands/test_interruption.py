@@ -11,7 +11,7 @@ from importlib.machinery import ExtensionFileLoader
 
 import pytest
 
-from edhas_jax.commands import parameters
+from edhas_jax.commands import lists
 from edhas_jax.commands.cli import main
 from edhas_jax.commands.interruption import REPEAT_AFTER, STATUS_INTERRUPTED, Interruption
 from tests.fuzz.interrupts import attack
@@ -21,7 +21,7 @@ SENTENCE = "edhas: interrupted; what was finished until then is kept\n"
 
 def interrupted(monkeypatch, capsys, work) -> tuple[int, str]:
     """The exit status of a command that does this work, and what it prints on the standard error."""
-    monkeypatch.setattr(parameters, "run", lambda options: work())
+    monkeypatch.setattr(lists, "parameters", lambda options: work())
     return main(["parameters"]), capsys.readouterr().err
 
 

@@ -12,7 +12,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands import progress
 from edhas_jax.commands.cli import main
-from edhas_jax.commands.fit import STATUS_NOT_CONVERGED
+from edhas_jax.commands.command_line import NOT_CONVERGED
 from edhas_jax.config.examples import FOLDER, list_examples
 from edhas_jax.design.sensitivity.config import load_sensitivity
 from edhas_jax.design.sizing.config import load_sizing
@@ -207,7 +207,7 @@ def test_a_fit_that_has_not_converged_says_so_first(monkeypatch, capsys):
     monkeypatch.setattr(task, "assumed_parameters", lambda *_: [])
     status = main(["fit", str(FOLDER / "campaign"), "--starts", "1", "--out", "fitted"])
     lines = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
-    assert status == STATUS_NOT_CONVERGED
+    assert status == NOT_CONVERGED
     title = next(k for k, line in enumerate(lines) if "parameters calibrated" in line)
     assert lines[title + 1].startswith("The fit has not converged")
     assert edhas.open_result("fitted").numbers["converged"] is False

@@ -9,8 +9,6 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.config.result_files import LIST_FILE, ResultFileError
-from edhas_jax.design.sensitivity.result_folder import open_sensitivity
-from edhas_jax.design.sizing.result_folder import open_sizing
 from tests.support import CONFIGS
 
 CHECKSUMS = ("checksum", "files")  # keys of a manifest
@@ -50,25 +48,20 @@ def test_the_manifest_of_a_run(run_folder, tmp_path, change):
         edhas.open_run(folder)
 
 
-@pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
-def test_a_sensitivity_analysis(tmp_path, content):
-    table = pd.DataFrame({"frequency": np.arange(3.0)})
-    for name in ("points", "local"):
-        table.to_parquet(tmp_path / f"{name}.parquet")
-    assert len(open_sensitivity(tmp_path).points) == 3
-    (tmp_path / "local.parquet").write_bytes(content)
-    with pytest.raises(ResultFileError, match=DAMAGED):
-        open_sensitivity(tmp_path)
+SUMMARY = {"task": "size", "edhas_jax": "0", "date": "", "summary": {"title": "a sizing", "sentences": []}}
 
 
-@pytest.mark.parametrize("name", ["result.json", "path.parquet"])
+@pytest.mark.parametrize("name", ["result.json", "path.parquet", "summary.json"])
 @pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
-def test_a_sizing(tmp_path, name, content):
+def test_numbers_and_tables_of_a_task(tmp_path, name, content):
+    """Of a folder without checksums."""
+    (tmp_path / "summary.json").write_text(json.dumps(SUMMARY))
     (tmp_path / "result.json").write_text("{}")
     pd.DataFrame({"start": np.arange(3)}).to_parquet(tmp_path / "path.parquet")
-    assert open_sizing(tmp_path)[0] == {}
+    opened = edhas.open_result(tmp_path)
+    assert opened.numbers == {} and len(opened.table("path")) == 3
     (tmp_path / name).write_bytes(content)
     if (name, content) == ("result.json", b"{}"):
         return
     with pytest.raises(ResultFileError, match=DAMAGED):
-        open_sizing(tmp_path)
+        edhas.open_result(tmp_path).table("path")

@@ -11,8 +11,6 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.result_files import ResultFiles
 from edhas_jax.config.run_folder import ResultFileError
 from edhas_jax.core.summary import Summary
-from edhas_jax.design.sensitivity.result_folder import open_sensitivity
-from edhas_jax.design.sizing.result_folder import open_sizing
 from edhas_jax.tasks.result import Result
 from tests.support import CONFIGS
 
@@ -93,29 +91,10 @@ def test_no_command_overwrites_a_file_that_is_not_its_own(tmp_path, monkeypatch,
     assert (tmp_path / "mine" / name).read_text() == "precious"
 
 
-@pytest.mark.parametrize(
-    ("names", "read"),
-    [(("points.parquet", "local.parquet"), open_sensitivity), (("result.json", "path.parquet"), open_sizing)],
-)
-def test_damaged_tables_of_other_results_are_refused(tmp_path, names, read):
-    files = ResultFiles(tmp_path, True, names)
-    files.begin()
-    for name in names:
-        if name.endswith(".json"):
-            (tmp_path / name).write_text('{"share": 0.25}')
-        else:
-            pd.DataFrame({"a": [1.0, 2.0]}).to_parquet(tmp_path / name)
-    files.finish()
-    read(tmp_path)
-    flip(tmp_path / names[1], 0.5)
-    with pytest.raises(ResultFileError, match=names[1]):
-        read(tmp_path)
-
-
 class Noted(Result):
-    """A result with a machine, its numbers and a picture."""
+    """A result with a machine, its numbers, a table and a picture."""
 
-    files = ("config.yaml", "result.json", "a_law.yaml", "figure.png")
+    files = ("config.yaml", "result.json", "path.parquet", "a_law.yaml", "figure.png")
 
     def summary(self):
         return Summary("noted")
@@ -123,13 +102,16 @@ class Noted(Result):
     def write_files(self, folder):
         (folder / "config.yaml").write_text("rig: actuator_bench\nmachine:\n  motor:\n    coil_resistance: 1.5 ohm\n")
         (folder / "result.json").write_text('{"share": 0.25}')
+        pd.DataFrame({"a": [1.0, 2.0]}).to_parquet(folder / "path.parquet")
         (folder / "a_law.yaml").write_text("nodes: [0, 1]")
         (folder / "figure.png").write_bytes(b"picture")
         return ()
 
 
 @pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize("name", ["config.yaml", "result.json", "a_law.yaml", "summary.json", "files.json"])
+@pytest.mark.parametrize(
+    "name", ["config.yaml", "result.json", "path.parquet", "a_law.yaml", "summary.json", "files.json"]
+)
 def test_one_wrong_bit_in_the_folder_of_any_result_is_refused(tmp_path, name, place):
     folder = Noted().save(tmp_path / "noted")
     assert edhas.open_result(folder).numbers == {"share": 0.25}

@@ -20,8 +20,7 @@ from hypothesis import strategies as st
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.commands.console import headed, table
-from edhas_jax.commands.plain_console import PlainConsole
+from edhas_jax.commands.console import PlainConsole, headed, table
 from edhas_jax.config.run_folder import unused_folder
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.html_page import heading, json_element
@@ -101,7 +100,6 @@ def test_console(text):
     rows = table(text, "column")
     rows.add_row(text)
     out.print(rows)
-    out.status(text).update(text)
     printed = out.file.getvalue()
     words = terminal_text(text).split()
     assert all(word in printed for word in words if len(word) < 50) and "\x1b" not in printed

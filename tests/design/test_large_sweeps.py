@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
-from edhas_jax.design.sweep import pareto_front, run, table_windows
-from edhas_jax.design.sweep.chunk_job import ChunkResult
+from edhas_jax.design.sweep import pareto_front, run, table
 from edhas_jax.design.sweep.config import Sweep
 from edhas_jax.design.sweep.design_selection import few_levels
+from edhas_jax.design.sweep.folder import ChunkResult
 from edhas_jax.design.sweep.identity import device, versions
 from edhas_jax.design.sweep.run import open_sweep, stream_sweep, sweep_parts
-from edhas_jax.design.sweep.sweep_summary import summary_of_parts, sweep_summary
-from edhas_jax.design.sweep.table_windows import windows
+from edhas_jax.design.sweep.table import summary_of_parts, windows
 from edhas_jax.machine.metrics import METRICS
 from edhas_jax.simulation.validity import Status
 
@@ -69,7 +68,7 @@ def large_sweep(count: int) -> Sweep:
 def test_memory_does_not_grow_with_the_results(tmp_path, monkeypatch):
     """Beyond the designs themselves a design takes less than a third of what its results would."""
     monkeypatch.setattr(run, "compute_chunk", made_up)
-    monkeypatch.setattr(table_windows, "WINDOW", 8192)
+    monkeypatch.setattr(table, "WINDOW", 8192)
     peaks = []
     for count in (40_000, 160_000):
         sweep = large_sweep(count)
@@ -85,7 +84,7 @@ def test_memory_does_not_grow_with_the_results(tmp_path, monkeypatch):
 def test_the_parts_of_a_table_are_read_one_after_the_other(tmp_path, monkeypatch):
     """Before the first part is there, less than a quarter of the file has been read."""
     monkeypatch.setattr(run, "compute_chunk", made_up)
-    monkeypatch.setattr(table_windows, "WINDOW", 4096)
+    monkeypatch.setattr(table, "WINDOW", 4096)
     stream_sweep(large_sweep(40_000), tmp_path)
     amounts: list[int] = []
 
@@ -104,7 +103,7 @@ def test_the_parts_of_a_table_are_read_one_after_the_other(tmp_path, monkeypatch
 
 def test_the_table_of_a_large_sweep(tmp_path, monkeypatch):
     monkeypatch.setattr(run, "compute_chunk", made_up)
-    monkeypatch.setattr(table_windows, "WINDOW", 3000)
+    monkeypatch.setattr(table, "WINDOW", 3000)
     sweep = large_sweep(20_000)
     stream_sweep(sweep, tmp_path)
     result = open_sweep(tmp_path)
@@ -119,7 +118,7 @@ def test_the_table_of_a_large_sweep(tmp_path, monkeypatch):
     assert [n for n in part.frame if n in METRICS] == ["mean_flow"]
     np.testing.assert_array_equal(part.frame["mean_flow"], result.frame["mean_flow"])
     assert len(list(sweep_parts(tmp_path))) >= 7
-    assert summary_of_parts(sweep_parts(tmp_path)) == sweep_summary(result)
+    assert summary_of_parts(sweep_parts(tmp_path)) == summary_of_parts([result])
 
 
 def test_the_pareto_front_of_many_designs_is_that_of_all_pairs(monkeypatch):

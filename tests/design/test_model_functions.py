@@ -11,7 +11,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.compiler.engines import ENGINES, VARIABLE
 from edhas_jax.design.batch.batch import BatchError, BatchSettings, run_designs, steps_per_cycle
-from edhas_jax.design.function import periodic_metrics, sampled_trajectory
+from edhas_jax.design.function import computations
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.machine.effects import EntrainedAir, PistonLeakage
@@ -32,7 +32,7 @@ def bench():
 def calls(monkeypatch):
     """The number of designs or runs of every call of the loop engine."""
     seen = []
-    states, runs = periodic_metrics.periodic_state, sampled_trajectory.simulate_batch
+    states, runs = computations.periodic_state, computations.simulate_batch
 
     def counted_states(machine, columns, settings):
         seen.append(len(next(iter(columns.values()))))
@@ -42,8 +42,8 @@ def calls(monkeypatch):
         seen.append(len(next(iter(values.values()))))
         return runs(machine, values, *rest)
 
-    monkeypatch.setattr(periodic_metrics, "periodic_state", counted_states)
-    monkeypatch.setattr(sampled_trajectory, "simulate_batch", counted_runs)
+    monkeypatch.setattr(computations, "periodic_state", counted_states)
+    monkeypatch.setattr(computations, "simulate_batch", counted_runs)
     return seen
 
 
@@ -104,7 +104,7 @@ def test_reverse_mode_where_parameters_are_many():
     """One metric of more parameters than tangents go together is differentiated backwards, with the same result."""
     model = edhas.model(BENCH, SETTINGS)
     many = {n: v for n, v in model.parameters.items() if n != "ramp_time" and v != 0.0}
-    assert len(many) > periodic_metrics.MOST_TANGENTS
+    assert len(many) > computations.MOST_TANGENTS
     backwards = jax.grad(power(model))(many)
     columns = {n: np.array([v]) for n, v in many.items()}
     wanted = forward(BENCH, columns, tuple(many), ["mean_electrical_power"], SETTINGS)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from SALib.analyze import sobol as salib
 
+import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.design.batch.batch import run_designs
@@ -15,7 +16,6 @@ from edhas_jax.design.sensitivity.global_sensitivity import (
     sobol_indices,
     sobol_indices_of,
 )
-from edhas_jax.design.sensitivity.result_folder import open_sensitivity
 
 CONFIG = """
 name: small
@@ -95,11 +95,12 @@ def test_morris_effects_of_a_linear_and_a_quadratic_parameter():
 def test_the_command(task, tmp_path, capsys):
     assert main(["sensitivity", str(task), "--out", str(tmp_path / "out")]) == 0
     assert "piston_diameter" in capsys.readouterr().out
-    result = open_sensitivity(tmp_path / "out")
-    assert len(result.points) == 2 and len(result.local) == 2 * 2 * 2
-    assert set(result.sobol["point"]) == set(result.morris["point"]) == {0, 1}
+    result = edhas.open_result(tmp_path / "out")
+    points, local, sobol, morris = map(result.table, ("points", "local", "sobol", "morris"))
+    assert len(points) == 2 and len(local) == 2 * 2 * 2
+    assert set(sobol["point"]) == set(morris["point"]) == {0, 1}
     # a positive displacement pump: flow grows with the square of the diameter
-    flow = result.local[(result.local["metric"] == "mean_flow") & (result.local["point"] == 0)]
+    flow = local[(local["metric"] == "mean_flow") & (local["point"] == 0)]
     assert flow.set_index("parameter")["elasticity"]["piston_diameter"] == pytest.approx(2.0, abs=0.03)
     for picture in ("local.png", "sobol.png", "morris.png"):
         assert (tmp_path / "out" / picture).stat().st_size > 10_000

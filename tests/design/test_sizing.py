@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError, read_config
 from edhas_jax.design.batch.batch import run_designs
@@ -10,7 +11,6 @@ from edhas_jax.design.batch.experiment_design import sobol_sequence
 from edhas_jax.design.sizing.config import load_sizing
 from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
 from edhas_jax.design.sizing.problem import SizingProblem
-from edhas_jax.design.sizing.result_folder import open_sizing
 from edhas_jax.design.sizing.size import SizingError, size
 from tests.support.reference import DATA
 
@@ -121,7 +121,8 @@ def test_the_command_writes_a_configuration_that_runs(tmp_path, capsys):
     assert main(["size", str(config), "--out", str(tmp_path / "out")]) == 0
     assert "limited by" in capsys.readouterr().out
     sized = read_config(tmp_path / "out" / "sized.yaml")
-    saved, path = open_sizing(tmp_path / "out")
+    result = edhas.open_result(tmp_path / "out")
+    saved, path = result.numbers, result.table("path")
     assert sized.machine.pump.piston_diameter == pytest.approx(saved["machines"][0]["design"]["piston_diameter"])
     assert len(path) and (tmp_path / "out" / "path.png").stat().st_size > 10_000
     assert main(["simulate", str(tmp_path / "out" / "sized.yaml"), "--set", "duration=0.25 s", "--no-figure",

@@ -16,9 +16,11 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.design.batch.batch import REASONS, plan_chunks
-from edhas_jax.design.sweep import chunk_job, folder, identity
+from edhas_jax.design.batch.batch import plan_chunks
+from edhas_jax.design.sweep import folder, identity
+from edhas_jax.design.sweep import run as running
 from edhas_jax.machine.metrics import METRICS
+from edhas_jax.simulation.validity import REASONS
 from tests.support import CONFIGS
 
 # four frequencies are four chunks
@@ -81,7 +83,7 @@ def test_a_sweep_gives_a_table_with_units(workdir, finished, capsys, monkeypatch
     assert same(folder, finished)
 
     # again: nothing is computed
-    monkeypatch.setattr(chunk_job, "run_chunk", None)
+    monkeypatch.setattr(running, "run_chunk", None)
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.*") if p.name != ".lock"}
     assert main(COMMAND) == 0
     assert "all of them computed before" in capsys.readouterr().out
@@ -95,7 +97,7 @@ def test_a_sweep_gives_a_table_with_units(workdir, finished, capsys, monkeypatch
 
 def raise_after(monkeypatch, count: int, error: BaseException):
     """Raise `error` in place of every chunk after the first `count`."""
-    run_chunk, calls = chunk_job.run_chunk, []
+    run_chunk, calls = running.run_chunk, []
 
     def interrupted(*arguments):
         calls.append(1)
@@ -103,7 +105,7 @@ def raise_after(monkeypatch, count: int, error: BaseException):
             raise error
         return run_chunk(*arguments)
 
-    monkeypatch.setattr(chunk_job, "run_chunk", interrupted)
+    monkeypatch.setattr(running, "run_chunk", interrupted)
     return calls
 
 
@@ -131,9 +133,9 @@ def test_an_interrupted_sweep_is_resumed(workdir, finished, capsys, monkeypatch)
 
 def test_a_killed_sweep_is_resumed(workdir, finished):
     code = (
-        "import sys, time; from edhas_jax.design.sweep import chunk_job; run = chunk_job.run_chunk\n"
+        "import sys, time; from edhas_jax.design.sweep import run as running; run = running.run_chunk\n"
         "def slow(*a):\n    out = run(*a); time.sleep(0.7); return out\n"
-        "chunk_job.run_chunk = slow\n"
+        "running.run_chunk = slow\n"
         "from edhas_jax.commands.cli import main; sys.exit(main(['sweep', 'tiny.yaml']))"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL)

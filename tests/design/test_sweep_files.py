@@ -14,8 +14,8 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.design.sweep import chunk_job
-from edhas_jax.design.sweep.manifest import SweepError
+from edhas_jax.design.sweep import run as running
+from edhas_jax.design.sweep.folder import SweepError
 from tests.support import CONFIGS
 
 TEXT = f"""
@@ -63,8 +63,8 @@ def test_a_chunk_with_one_wrong_bit_is_computed_again(swept, finished, capsys, m
     (swept / "table.parquet").unlink()
     chunk = sorted((swept / "chunks").glob("*.parquet"))[1]
     flip(chunk, place, bit=3)
-    run, calls = chunk_job.run_chunk, []
-    monkeypatch.setattr(chunk_job, "run_chunk", lambda *a: calls.append(1) or run(*a))
+    run, calls = running.run_chunk, []
+    monkeypatch.setattr(running, "run_chunk", lambda *a: calls.append(1) or run(*a))
     assert main(COMMAND) == 0
     assert "chunk 1 is damaged or was changed; its 2 designs are computed again" in capsys.readouterr().out
     assert len(calls) == 1 and same_table(swept, finished) and len(list((swept / "chunks").iterdir())) == 3

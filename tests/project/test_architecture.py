@@ -114,4 +114,4 @@ def test_commands_print_texts_as_they_are():
     for path in sorted((ROOT / "edhas_jax/commands").glob("*.py")):
         code = path.read_text(encoding="utf-8")
         markup = re.search(r"rich\.markup|\[/?(bold|red|green|yellow)\]|\[/\]", code)
-        assert markup is None, f"{path.name}: {markup[0]}; use headed or styled"
+        assert markup is None, f"{path.name}: {markup[0]}; use headed or Toned"

@@ -19,12 +19,12 @@ from edhas_jax.design.batch.periodic_solver import (
     metrics_with_status,
     run_to_periodic,
 )
-from edhas_jax.design.batch.run_metrics import RunGrid, run_grid, run_own_designs
+from edhas_jax.design.batch.run_metrics import RunGrid, run_own_designs
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP
 from edhas_jax.simulation.run_settings import Precision, Simulation
-from edhas_jax.simulation.validity import REASONS, STEP_SENSITIVITY, Status
+from edhas_jax.simulation.validity import STEP_SENSITIVITY, Status
 
 SLOW_CYCLES = 8  # a design that takes more is checked for its sensitivity to the step
 CHECK_CYCLES = 2  # run with the longer step of that check
@@ -57,9 +57,12 @@ class BatchSettings:
     sample_rate: float | None = None
 
     def run_grid(self, machine: Rig) -> RunGrid:
-        """Steps and samples of the runs of a rig of one's own."""
-        step = self.step if self.step >= 0.01 * machine.time_step else None
-        return run_grid(machine, self.duration, self.sample_rate, step)
+        """Steps and samples of the runs of a rig of one's own; what is None is as the rig usually has it."""
+        interval = 10.0 * machine.time_step if self.sample_rate is None else 1.0 / self.sample_rate
+        step = self.step if self.step >= 0.01 * machine.time_step else machine.time_step
+        steps = max(1, math.ceil(interval / step - 1e-9))
+        samples = math.floor((machine.duration if self.duration is None else self.duration) / interval + 1e-9) + 1
+        return RunGrid(interval / steps, steps, samples)
 
 
 def settings_of_batch(machine: Rig, simulation: Simulation) -> dict[str, Any]:
@@ -90,9 +93,6 @@ class Chunk:
     many_lanes: bool = False
 
 
-__all__ = ["REASONS", "BatchError", "BatchSettings", "Chunk", "Status", "plan_chunks", "run_chunk", "run_designs"]
-
-
 class BatchError(ValueError):
     """These designs cannot be run as a batch."""
 
@@ -112,17 +112,16 @@ def plan_chunks(machine: Rig, values: Mapping[str, np.ndarray], settings: BatchS
     """
     if not runs_designs(machine):
         raise BatchError(f"a batch needs a bench that is driven by a sine; this is {machine.name}")
-    if machine.cycle is None:
-        rows = np.arange(len(next(iter(values.values()))))
-        on_gpu = many_lanes(len(rows), float)
-        return [Chunk(rows[i : i + LONG_TABLE], 0, on_gpu) for i in range(0, len(rows), LONG_TABLE)]
     count = len(next(iter(values.values())))
-    varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
-    frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
-    frequency = np.broadcast_to(frequency, (count,))
-    steps = steps_per_cycle(frequency, settings.step)
-    chunks, on_gpu = [], many_lanes(count, settings.precision.value)
-    length = GPU_TABLE if on_gpu else LONG_TABLE
+    if machine.cycle is None:
+        steps, on_gpu, length = np.zeros(count, int), many_lanes(count, float), LONG_TABLE
+    else:
+        varied = [values[n] for n in ("frequency", "reference.frequency") if n in values]
+        frequency = np.asarray(varied[0] if varied else get_parameter(machine, "reference.frequency"), float)
+        steps = steps_per_cycle(np.broadcast_to(frequency, (count,)), settings.step)
+        on_gpu = many_lanes(count, settings.precision.value)
+        length = GPU_TABLE if on_gpu else LONG_TABLE
+    chunks = []
     for n in np.unique(steps):
         rows = np.flatnonzero(steps == n)
         chunks += [Chunk(rows[i : i + length], int(n), on_gpu) for i in range(0, len(rows), length)]

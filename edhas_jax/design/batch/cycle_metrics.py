@@ -43,12 +43,8 @@ PERIODIC = ("mean_flow", "mean_electrical_power", "peak_stroke")  # their change
 
 def cycle_change(new: dict[str, Any], old: dict[str, Any]):
     """The largest relative change from one cycle to the next among the metrics `PERIODIC`."""
-    present = [n for n in PERIODIC if n in new]
-    return jnp.max(jnp.stack([_relative_change(new[n], old[n]) for n in present]), axis=0)
-
-
-def _relative_change(new, old):
-    return jnp.abs(new - old) / (jnp.abs(new) + jnp.finfo(new.dtype).tiny)
+    pairs = [(new[n], old[n]) for n in PERIODIC if n in new]
+    return jnp.max(jnp.stack([jnp.abs(a - b) / (jnp.abs(a) + jnp.finfo(a.dtype).tiny) for a, b in pairs]), axis=0)
 
 
 def _observed_step(m: Rig, y, h, wanted):

@@ -64,7 +64,8 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
     for cell, name, unit, values in zip(table.headers, table.names, table.units, rows.T, strict=True):
         try:
             p, column = resolve_parameter(machine, name)
-            one = to_si(f"1 {unit}", p.unit, f"{name} [{_default_unit(p)}]")
+            usual = format_quantity(p.default, p.unit).partition(" ")[2] or "-"
+            one = to_si(f"1 {unit}", p.unit, f"{name} [{usual}]")
             zero = to_si(f"0 {unit}", p.unit)
         except (ParameterError, UnitError) as error:
             raise DesignError(f"{path}: column `{cell}`: {error}") from None
@@ -81,8 +82,3 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
             raise DesignError(f"{table.place(row)}: {column} must lie in {format_span(p)} ({p.doc}); got {got}")
         columns[column] = values
     return columns
-
-
-def _default_unit(p: Parameter) -> str:
-    """The unit in which the default of a parameter is written."""
-    return format_quantity(p.default, p.unit).partition(" ")[2] or "-"

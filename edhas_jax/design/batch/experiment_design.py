@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from edhas_jax.core.units import format_quantity
+
 MAX_DESIGNS = 10_000_000  # of one sweep
 
 
@@ -30,6 +32,7 @@ class Axis:
         count: number of values in a grid; not needed for samples.
         values: list of values, SI; replaces the range.
         log: whether the range is divided in equal ratios.
+        unit: SI unit of the values.
 
     Raises:
         DesignError: a value twice, an empty range, or a logarithmic one that is not positive.
@@ -41,14 +44,15 @@ class Axis:
     count: int = 0
     values: tuple[float, ...] = ()
     log: bool = False
+    unit: str = "-"
 
     def __post_init__(self):
         if self.values:
-            repeated = first_repeated(self.values)
-            if repeated is not None:
-                raise DesignError(f"{self.name}: {repeated:g} is listed twice")
+            if (repeated := first_repeated(self.values)) is not None:
+                raise DesignError(f"{self.name}: {format_quantity(repeated, self.unit)} is listed twice")
         elif not self.low < self.high:
-            raise DesignError(f"{self.name}: the range from {self.low:g} to {self.high:g} is empty")
+            low, high = (format_quantity(end, self.unit) for end in (self.low, self.high))
+            raise DesignError(f"{self.name}: the range from {low} to {high} is empty; `from` must lie below `to`")
         elif self.log and self.low <= 0.0:
             raise DesignError(f"{self.name}: logarithmic spacing needs a range above 0")
 
@@ -155,8 +159,7 @@ def _check_axes(axes: Sequence[Axis], n: int) -> None:
     if not axes:
         raise DesignError("at least one parameter is needed")
     names = [axis.name for axis in axes]
-    repeated = next((name for name in names if names.count(name) > 1), None)
-    if repeated:
+    if repeated := next((name for name in names if names.count(name) > 1), None):
         raise DesignError(f"{repeated}: given twice")
     if not 1 <= n <= MAX_DESIGNS:
         raise DesignError(f"1 … {MAX_DESIGNS:,} designs are possible; got {n:,}")

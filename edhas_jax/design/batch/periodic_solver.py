@@ -16,12 +16,7 @@ import numpy as np
 from edhas_jax.compiler.engines import compile_loop
 from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.core import runtime
-from edhas_jax.design.batch.cycle_metrics import (
-    cycle_change,
-    cycle_metrics,
-    cycle_step,
-    empty_sums,
-)
+from edhas_jax.design.batch.cycle_metrics import cycle_change, cycle_metrics, cycle_step, empty_sums
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.loop_cache import cached_loop, key_of

@@ -1,6 +1,5 @@
 """Designs of a rig of one's own: a whole run of each, with the metrics of its signals and their derivatives."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -27,14 +26,6 @@ class RunGrid(NamedTuple):
     def time(self) -> np.ndarray:
         """Times of the samples [s], (samples,)."""
         return self.step * self.steps_per_sample * np.arange(self.samples)
-
-
-def run_grid(machine: Rig, duration: float | None, sample_rate: float | None, step: float | None) -> RunGrid:
-    """The grid of a run; what is None is as the rig usually has it."""
-    interval = 10.0 * machine.time_step if sample_rate is None else 1.0 / sample_rate
-    steps = max(1, math.ceil(interval / (machine.time_step if step is None else step) - 1e-9))
-    samples = math.floor((machine.duration if duration is None else duration) / interval + 1e-9) + 1
-    return RunGrid(interval / steps, steps, samples)
 
 
 def run_own_designs(

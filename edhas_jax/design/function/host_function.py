@@ -46,7 +46,7 @@ class HostFunction:
         self._function = jax.custom_jvp(lambda columns, fixed: self._call(columns, fixed, ())[0])
         self._function.defjvp(self._differentiate, symbolic_zeros=True)
         # one object for each set of parameters: JAX compiles anew for another one
-        self._callback = functools.cache(functools.partial(_Callback, self._compute, self._outputs))
+        self._callback = functools.cache(lambda active: functools.partial(self._on_host, active))
 
     def __call__(self, columns: Mapping[str, Any], fixed: Any = None) -> dict[str, jax.Array]:
         """The outputs by name, each of the shape of the parameters followed by the length of `fixed` if there is one.
@@ -69,6 +69,35 @@ class HostFunction:
         slopes = dict.fromkeys(self._outputs, jax.ShapeDtypeStruct((*shape, len(active)), first.dtype))
         wanted = values, slopes if active else {}
         return jax.pure_callback(self._callback(active), wanted, columns, fixed, vmap_method="broadcast_all")
+
+    def _on_host(self, active: tuple[str, ...], columns, fixed):
+        """What JAX calls: arrays of any leading shape become a table, and the results arrays again."""
+        arrays = {n: np.asarray(v) for n, v in columns.items()}
+        first = next(iter(arrays.values()))
+        table = {n: v.ravel().astype(float) for n, v in arrays.items()}
+        if fixed is None:
+            shape, parts = first.shape, [(slice(None), None)]
+        else:
+            # under vmap there is a row of the fixed argument for each set; equal ones are computed together
+            fixed = np.asarray(fixed, float)
+            lead, tail = fixed.shape[:-1], first.shape[fixed.ndim - 1 :]
+            rows = np.repeat(fixed.reshape(math.prod(lead), -1), math.prod(tail), axis=0)
+            rows = rows if lead else np.broadcast_to(fixed, (first.size, len(fixed)))
+            distinct, which = np.unique(rows, axis=0, return_inverse=True)
+            shape = (*first.shape, fixed.shape[-1])
+            parts = [(np.flatnonzero(which.ravel() == k), row) for k, row in enumerate(distinct)]
+        values = {n: np.empty((first.size, *shape[first.ndim :])) for n in self._outputs}
+        slopes = {n: np.empty((*v.shape, len(active))) for n, v in values.items()} if active else {}
+        for rows, row in parts:
+            found = self._compute({n: v[rows] for n, v in table.items()}, row, active)
+            for out, part in ((values, found.values), (slopes, found.slopes)):
+                for n in out:
+                    out[n][rows] = part[n]
+        dtype = first.dtype
+        return (
+            {n: v.reshape(shape).astype(dtype) for n, v in values.items()},
+            {n: v.reshape(*shape, len(active)).astype(dtype) for n, v in slopes.items()},
+        )
 
     def _differentiate(self, primals, tangents):
         (columns, fixed), (changes, fixed_change) = primals, tangents
@@ -98,41 +127,6 @@ def _once_differentiable(function):
         raise TypeError("second derivatives of metrics and trajectories are not there; take differences of gradients")
 
     return once
-
-
-class _Callback:
-    """What JAX calls on the host: arrays of any leading shape become a table, and the results arrays again."""
-
-    def __init__(self, compute: Compute, outputs: tuple[str, ...], active: tuple[str, ...]):
-        self._compute, self._outputs, self._active = compute, outputs, active
-
-    def __call__(self, columns, fixed):
-        arrays = {n: np.asarray(v) for n, v in columns.items()}
-        first = next(iter(arrays.values()))
-        table = {n: v.ravel().astype(float) for n, v in arrays.items()}
-        if fixed is None:
-            shape, parts = first.shape, [(slice(None), None)]
-        else:
-            # under vmap there is a row of the fixed argument for each set; equal ones are computed together
-            fixed = np.asarray(fixed, float)
-            lead, tail = fixed.shape[:-1], first.shape[fixed.ndim - 1 :]
-            rows = np.repeat(fixed.reshape(math.prod(lead), -1), math.prod(tail), axis=0)
-            rows = rows if lead else np.broadcast_to(fixed, (first.size, len(fixed)))
-            distinct, which = np.unique(rows, axis=0, return_inverse=True)
-            shape = (*first.shape, fixed.shape[-1])
-            parts = [(np.flatnonzero(which.ravel() == k), row) for k, row in enumerate(distinct)]
-        values = {n: np.empty((first.size, *shape[first.ndim :])) for n in self._outputs}
-        slopes = {n: np.empty((*v.shape, len(self._active))) for n, v in values.items()} if self._active else {}
-        for rows, row in parts:
-            found = self._compute({n: v[rows] for n, v in table.items()}, row, self._active)
-            for out, part in ((values, found.values), (slopes, found.slopes)):
-                for n in out:
-                    out[n][rows] = part[n]
-        dtype = first.dtype
-        return (
-            {n: v.reshape(shape).astype(dtype) for n, v in values.items()},
-            {n: v.reshape(*shape, len(self._active)).astype(dtype) for n, v in slopes.items()},
-        )
 
 
 def require_outputs(asked, known, what: str) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """A machine as pure functions of its parameters: `metrics` in the periodic state and `trajectory` from rest."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +13,30 @@ from edhas_jax.config.machine_config import Config, as_config
 from edhas_jax.core import runtime
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import to_si
+from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.design.batch.batch import BatchError
 from edhas_jax.design.batch.design_table import resolve_parameter
+from edhas_jax.design.function.computations import PeriodicMetrics, SampledTrajectory
 from edhas_jax.design.function.host_function import HostFunction, require_outputs
-from edhas_jax.design.function.named_parameters import named_columns
-from edhas_jax.design.function.periodic_metrics import PeriodicMetrics
-from edhas_jax.design.function.sampled_trajectory import SampledTrajectory
 from edhas_jax.design.gradient.fixed_point import GradientSettings
 from edhas_jax.machine.interface.metrics import metrics_of_batch
-from edhas_jax.machine.parameters import find_parameter, get_parameter, list_parameters, short_names
+from edhas_jax.machine.parameters import (
+    ParameterError,
+    find_parameter,
+    format_span,
+    get_parameter,
+    list_parameters,
+    parse_value,
+    short_names,
+)
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP, evaluate_signals
-from edhas_jax.simulation.validity import REASONS, Status
+from edhas_jax.simulation.validity import Status
 
 # as accurate as a sweep at the default step; elasticities within 0.011, see docs/gradients.md
 FUNCTION_SETTINGS = GradientSettings(steps_per_cycle=4096)
+
+Resolve = Callable[[Rig, str], tuple[Parameter, str]]  # (machine, name) → declaration and own name
 
 
 class Model:
@@ -152,8 +160,7 @@ class Model:
         return PeriodicMetrics(self.machine, names, self.settings)
 
     def _columns(self, parameters: Mapping[str, Any], resolve) -> dict[str, jax.Array]:
-        columns = named_columns(self.machine, parameters, resolve)
-        if columns:
+        if columns := named_columns(self.machine, parameters, resolve):
             return columns
         # a batch needs a column: the first parameter at its present value changes nothing
         name = next(iter(self.parameters))
@@ -168,6 +175,69 @@ class Model:
 def _own_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
     p, path = find_parameter(machine, name)
     return p, short_names(machine)[path, p.name]
+
+
+def named_columns(machine: Rig, parameters: Mapping[str, Any], resolve: Resolve) -> dict[str, jax.Array]:
+    """The parameters by their own names, in the order of these, broadcast to one shape.
+
+    Args:
+        machine: the machine that owns them.
+        parameters: by flat name or `owner.name`, or nested by owner, a number or array in SI, or a text with unit.
+            Values that JAX traces are not checked.
+        resolve: finds a parameter by its name.
+
+    Raises:
+        ParameterError: an unknown, ambiguous or repeated name, a value that is no number or outside its span, or shapes
+            that do not go together.
+    """
+    if not isinstance(parameters, Mapping):
+        raise ParameterError(f"parameters by name belong here, such as {{'piston_clearance': 15e-6}}, not "
+                             f"{type(parameters).__name__}")  # fmt: skip
+    found: dict[str, jax.Array] = {}
+    for name, value in _flat("", parameters):
+        try:
+            p, own = resolve(machine, name)
+            if own in found:
+                raise ParameterError("given twice")
+            found[own] = _checked(p, value)
+        except (ParameterError, UnitError) as error:
+            raise ParameterError(f"{name}: {error}") from None
+    try:
+        shape = np.broadcast_shapes(*(v.shape for v in found.values()))
+    except ValueError:
+        shapes = ", ".join(f"{n} {v.shape}" for n, v in found.items())
+        raise ParameterError(f"the shapes of the parameters do not go together: {shapes}") from None
+    return {n: jnp.broadcast_to(found[n], shape) for n in sorted(found)}
+
+
+def _flat(owner: str, parameters: Mapping[str, Any]):
+    for name, value in parameters.items():
+        if isinstance(value, Mapping):
+            yield from _flat(f"{owner}{name}.", value)
+        else:
+            yield f"{owner}{name}", value
+
+
+def _checked(p: Parameter, value: Any) -> jax.Array:
+    if isinstance(value, str):
+        value = parse_value(p, value)
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError):
+        array = None
+    if array is None or not (jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)):
+        example = format_quantity(p.default, p.unit)
+        raise ParameterError(f'a number, an array or a text such as "{example}" belongs here')
+    array = array.astype(jnp.result_type(float))
+    if not isinstance(array, jax.core.Tracer):
+        numbers, (low, high) = np.asarray(array, float), p.span
+        # single precision moves a value on its bound by half a unit
+        margin = 0.0 if array.dtype == np.float64 else 1e-6 * max(abs(low), abs(high))
+        outside = ~((numbers >= low - margin) & (numbers <= high + margin))
+        if outside.any():
+            got = format_quantity(float(numbers[outside].ravel()[0]), p.unit)
+            raise ParameterError(f"must lie in {format_span(p)} ({p.doc}); got {got}")
+    return array
 
 
 def model(
@@ -197,6 +267,3 @@ def model(
     step = config.simulation.step if step is None else step
     step = to_si(step, "s", "20 us") if isinstance(step, str) else step
     return Model(config.machine, settings, DEFAULT_STEP if step is None else step)
-
-
-__all__ = ["FUNCTION_SETTINGS", "REASONS", "Model", "model"]

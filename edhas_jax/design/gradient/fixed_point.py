@@ -12,7 +12,7 @@ Source: Griewank & Walther, Evaluating Derivatives, 2008, chapter 15, on the der
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,6 @@ import numpy as np
 from edhas_jax.compiler.engines import many_lanes
 from edhas_jax.design.batch.batch import BatchSettings
 from edhas_jax.design.batch.periodic_solver import BatchState, metrics_with_status, run_to_periodic
-from edhas_jax.design.batch.run_metrics import own_slopes
 from edhas_jax.machine.rigs import Rig
 
 
@@ -61,15 +60,6 @@ class Derivatives(NamedTuple):
     status: np.ndarray
     cycles: np.ndarray
     terms: int
-
-
-def derivatives_of_runs(
-    machine: Rig, columns: Mapping[str, np.ndarray], names: Sequence[str], metrics: Sequence[str],
-    settings: GradientSettings,
-) -> Derivatives:  # fmt: skip
-    """The derivatives of the metrics of whole runs of a rig of one's own by the parameters `names`."""
-    values, slopes, status = own_slopes(machine, columns, names, metrics, settings.run.run_grid(machine))
-    return Derivatives(values, slopes, status, np.zeros(len(status)), 0)
 
 
 def periodic_state(machine: Rig, columns: Mapping[str, np.ndarray], settings: GradientSettings) -> BatchState:

@@ -4,8 +4,8 @@ The tangents of one design share most of their work, so a lane is a design with 
 designs than lanes in a vector, each pair of a design and a parameter is a lane of its own instead.
 """
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -16,6 +16,7 @@ from edhas_jax.compiler.multi_jvp import multi_jvp
 from edhas_jax.core import runtime
 from edhas_jax.design.batch.cycle_metrics import cycle_metrics, cycle_step, empty_sums
 from edhas_jax.design.batch.periodic_solver import BatchState
+from edhas_jax.design.batch.run_metrics import own_slopes
 from edhas_jax.design.gradient.fixed_point import (
     Derivatives,
     GradientSettings,
@@ -40,7 +41,7 @@ def forward(
     on_cycle: Callable[[float], None] | None = None,
     state: BatchState | None = None,
 ) -> Derivatives:
-    """Metrics of designs and their derivatives, in forward mode.
+    """Metrics of designs and their derivatives, in forward mode; of whole runs where no sine drives the machine.
 
     Args:
         machine: what the designs have in common.
@@ -53,39 +54,29 @@ def forward(
     """
     columns = {n: np.asarray(column, float) for n, column in columns.items()}
     base = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
+    if machine.cycle is None:
+        values, slopes, status = own_slopes(machine, columns, names, metrics, settings.run.run_grid(machine))
+        return Derivatives(values, slopes, status, np.zeros(len(status)), 0)
     count = len(next(iter(columns.values())))
     state = periodic_state(base, columns, settings) if state is None else state
     # a thread of a GPU has registers for one tangent at most
     on_gpu = many_lanes(count * len(names), float)
     groups = _groups(names) if count >= DESIGNS_OF_A_VECTOR and not on_gpu else [None]
     loops = [cached_loop(TangentLoop, base, tuple(columns), group, on_gpu) for group in groups]
-    found = []
+    say, found = on_cycle or (lambda share: None), []
     for k, (loop, group) in enumerate(zip(loops, groups, strict=True)):
-
-        def report(share, k=k):
-            if on_cycle is not None:
-                on_cycle((k + share) / len(loops))
-
+        report = functools.partial(lambda k, share: say((k + share) / len(loops)), k)
         found.append(loop.run(base, columns, state.y, group or names, metrics, settings, report))
-    converged = np.all([part.converged for part in found], axis=0)
+    values, slopes, converged, most = zip(*found, strict=True)
     return Derivatives(
-        found[0].values, {n: np.concatenate([part.slopes[n] for part in found], axis=1) for n in metrics},
-        status_of(base, columns, state, settings, converged), state.cycles, max(part.terms for part in found),
+        values[0], {n: np.concatenate([of[n] for of in slopes], axis=1) for n in metrics},
+        status_of(base, columns, state, settings, np.all(converged, axis=0)), state.cycles, max(most),
     )  # fmt: skip
 
 
 def _groups(names: Sequence[str]) -> list[tuple[str, ...]]:
     """The parameters in as few groups of at most `MOST_TANGENTS` as possible, nearly equal in size."""
     return [tuple(part) for part in np.array_split(np.array(names, object), -(-len(names) // MOST_TANGENTS))]
-
-
-class Tangents(NamedTuple):
-    """Metrics (designs,), their slopes by a group of parameters (designs, parameters), and convergence (designs,)."""
-
-    values: dict[str, np.ndarray]
-    slopes: dict[str, np.ndarray]
-    converged: np.ndarray
-    terms: int
 
 
 class TangentLoop:
@@ -118,12 +109,12 @@ class TangentLoop:
         tangents = _interleaved([state for _ in self._tangents])
         lane = dict.fromkeys(varied, 0.0), {} if group else dict.fromkeys(varied, 0.0)
         # one vector of so many tangents fills the nearest cache
-        options = {"vectors": 1, "tangents": (_filled(state, False), _filled(tangents, True))} if group else {}
-        options |= {"many_lanes": many_lanes}
+        marked = jax.tree.map(lambda _: False, state), jax.tree.map(lambda _: True, tangents)
+        options = {"many_lanes": many_lanes} | ({"vectors": 1, "tangents": marked} if group else {})
         self._loop = compile_loop(LoopBody(advance, float, (state, tangents), lane, (machine, 0.0), **options))
 
-    def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle) -> Tangents:
-        """The derivatives by the parameters `names`, from the periodic states `y` of the designs of `columns`."""
+    def run(self, machine: Rig, columns, y, names, metrics, settings: GradientSettings, on_cycle):
+        """(metrics, their slopes, converged, terms) of designs from their periodic states `y`; slopes by `names`."""
         count, width = len(next(iter(columns.values()))), len(self._tangents)
         scales = np.abs(np.stack([columns[n] for n in names], axis=1)).reshape(-1, width)
         pairs = len(scales) // count
@@ -135,7 +126,7 @@ class TangentLoop:
         slopes = {n: np.full(scales.shape, np.nan) for n in metrics}
         for number in range(settings.max_cycles):
             rows = np.flatnonzero(~done)
-            tables = (_rows_of(table, rows) for table in (values, seeds, y, tangents_y))
+            tables = ({n: v[rows] for n, v in table.items()} for table in (values, seeds, y, tangents_y))
             new, slope, moved = self._cycle(machine, *tables, settings.steps_per_cycle)
             new, slope = ({n: table[n] for n in metrics} for table in (new, slope))
             terms, wide = {n: slope[n] - slopes[n][rows] for n in metrics}, {n: new[n][:, None] for n in metrics}
@@ -146,10 +137,8 @@ class TangentLoop:
             on_cycle(1.0 if done.all() else (number + 1) / settings.max_cycles)
             if done.all():
                 break
-        return Tangents(
-            {n: kept[n][::pairs] for n in metrics}, {n: slopes[n].reshape(count, -1) for n in metrics},
-            done.reshape(count, pairs).all(axis=1), number + 1,
-        )  # fmt: skip
+        kept, slopes = {n: kept[n][::pairs] for n in metrics}, {n: slopes[n].reshape(count, -1) for n in metrics}
+        return kept, slopes, done.reshape(count, pairs).all(axis=1), number + 1
 
     def _cycle(self, machine: Rig, values, seeds, y, tangents_y, steps: int):
         """The metrics after a cycle (lanes,), and the tangents of metrics and states (lanes, tangents)."""
@@ -176,14 +165,6 @@ def _tangent(tree, k: int):
 def _interleaved(trees: list):
     """One pytree of lists from a list of pytrees: the tangents of one variable lie side by side."""
     return jax.tree.map(lambda *leaves: list(leaves), *trees)
-
-
-def _filled(tree, value: bool):
-    return jax.tree.map(lambda _: value, tree)
-
-
-def _rows_of(columns: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
-    return {n: column[rows] for n, column in columns.items()}
 
 
 @runtime.jit

@@ -12,7 +12,7 @@ from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError
 from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.batch.design_table import resolve_parameter
-from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings, derivatives_of_runs
+from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.gradient.reverse import reverse
 from edhas_jax.machine.interface.metrics import metrics_of_batch
@@ -21,9 +21,7 @@ from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.validity import REASONS, Status
 
 # what is said of a design whose metrics change by leaps, or not at all
-_NO_DERIVATIVE = (
-    Status.NOT_PERIODIC, Status.STALLED, *(status for status in Status if not status.is_valid)
-)  # fmt: skip
+_NO_DERIVATIVE = (Status.NOT_PERIODIC, Status.STALLED, *(status for status in Status if not status.is_valid))
 
 
 class GradientError(ParameterError):
@@ -54,9 +52,8 @@ class Gradient:
     def elasticities(self, point: int = 0) -> pd.DataFrame:
         """Elasticities (parameters × metrics) at the operating point of this number."""
         rows = self.frame[self.frame["point"] == point]
-        return rows.pivot(index="parameter", columns="metric", values="elasticity").reindex(
-            index=rows["parameter"].unique(), columns=rows["metric"].unique()
-        )
+        found = rows.pivot(index="parameter", columns="metric", values="elasticity")
+        return found.reindex(index=rows["parameter"].unique(), columns=rows["metric"].unique())
 
 
 def gradient(
@@ -90,9 +87,7 @@ def gradient(
         GradientError: a name or value is wrong, or the machine has no periodic state.
     """
     metrics, names, columns = _parse_request(machine, metrics, parameters, points)
-    if machine.cycle is None:
-        found = derivatives_of_runs(machine, columns, names, metrics, settings)
-    elif mode is Mode.FORWARD:
+    if mode is Mode.FORWARD or machine.cycle is None:
         found = forward(machine, columns, names, metrics, settings, on_cycle)
     else:
         found = reverse(machine, columns, names, metrics, settings)
@@ -147,8 +142,7 @@ def _own_names(machine: Rig, parameters: Sequence[str]) -> list[str]:
             raise GradientError(f"{name}: {error}") from None
         if find_parameter(machine, names[-1])[1] == "sampling":
             raise GradientError(f"{name}: has no derivative; the controller's instants are whole numbers of steps")
-    twice = next((n for n in names if names.count(n) > 1), None)
-    if twice:
+    if twice := next((n for n in names if names.count(n) > 1), None):
         raise GradientError(f"{twice}: asked for twice")
     return names
 

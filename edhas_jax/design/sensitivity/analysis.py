@@ -50,11 +50,7 @@ def analyse_sensitivity(
     Raises:
         ConfigError: too many designs fail for statistics.
     """
-
-    def report(stage: str, share: float) -> None:
-        if on_progress is not None:
-            on_progress(stage, share)
-
+    report = on_progress or (lambda stage, share: None)
     columns = task.operating_points()
     points = pd.DataFrame(columns, index=range(len(next(iter(columns.values()))) if columns else 1))
     settings = GradientSettings(steps_per_cycle=STEPS_PER_CYCLE, run=task.settings)
@@ -62,16 +58,11 @@ def analyse_sensitivity(
                      on_cycle=lambda share: report("elasticities", share)).frame  # fmt: skip
     tables: dict[str, pd.DataFrame] = {}
     names = [axis.name for axis in task.ranges]
-    for kind, method, size in (
-        ("sobol", sobol_indices, task.samples), ("morris", morris_effects, task.trajectories)
-    ):  # fmt: skip
-        if not size:
-            continue
+    methods = ("sobol", sobol_indices, task.samples), ("morris", morris_effects, task.trajectories)
+    for kind, method, size in (row for row in methods if row[-1]):
         by_point = []
         for k, point in points.iterrows():
-            model = _model_at(
-                task, point, lambda share, k=k, kind=kind: report(kind, (k + share) / len(points))
-            )
+            model = _model_at(task, point, lambda share, k=k, kind=kind: report(kind, (k + share) / len(points)))
             try:
                 by_point.append(method(model, names, task.metrics, size, task.seed).assign(point=k))
             except ValueError as error:

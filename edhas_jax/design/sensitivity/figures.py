@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from edhas_jax.core.chart import add_colour_bar, add_title
 from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.core.units import format_number, format_quantity
 from edhas_jax.design.sensitivity.analysis import SensitivityResult
@@ -24,38 +25,32 @@ def draw_local(result: SensitivityResult, units: dict[str, str]):
     Returns:
         A matplotlib figure; blue is negative, red positive.
     """
-    rows = result.local
-    values = {
-        metric: rows[rows["metric"] == metric].pivot(index="parameter", columns="point", values="elasticity")
-        for metric in rows["metric"].unique()
-    }
     title = "Elasticity: per cent that a metric changes when a parameter grows by one per cent"
+    values = _by_point(result.local, "metric", "elasticity")
     return _panels(result.points, units, values, title, "elasticity", signed=True)
 
 
 def draw_sobol(result: SensitivityResult, units: dict[str, str]):
     """Draw total Sobol indices in the same form as `draw_local`."""
-    rows = result.sobol
-    values = {
-        output: rows[rows["output"] == output].pivot(index="parameter", columns="point", values="total")
-        for output in rows["output"].unique()
-    }
     title = "Total Sobol index: share of the variance that involves a parameter"
+    values = _by_point(result.sobol, "output", "total")
     return _panels(result.points, units, values, title, "total index", signed=False)
+
+
+def _by_point(rows: pd.DataFrame, panel: str, value: str) -> dict[str, pd.DataFrame]:
+    """For each panel the values of parameters × operating points."""
+    return {n: of.pivot(index="parameter", columns="point", values=value) for n, of in rows.groupby(panel, sort=False)}
 
 
 def draw_morris(result: SensitivityResult):
     """Draw magnitude (with confidence) and deviation of the elementary effects, averaged over the operating points."""
     from edhas_jax.core.figure import Figure
 
-    outputs = list(result.morris["output"].unique())
-    tables = {
-        output: result.morris[result.morris["output"] == output]
-        .groupby("parameter")[["mu_star", "mu_star_conf", "sigma"]].mean() for output in outputs
-    }  # fmt: skip
+    columns = ["mu_star", "mu_star_conf", "sigma"]
+    tables = {n: of.groupby("parameter")[columns].mean() for n, of in result.morris.groupby("output", sort=False)}
     order = pd.concat(tables.values())["mu_star"].groupby(level=0).max().sort_values().index
-    figure = Figure(figsize=(2.2 + 3.4 * len(outputs), 1.6 + 0.36 * len(order)), layout="constrained")
-    grid = figure.subplots(1, len(outputs), sharey=True, squeeze=False)[0]
+    figure = Figure(figsize=(2.2 + 3.4 * len(tables), 1.6 + 0.36 * len(order)), layout="constrained")
+    grid = figure.subplots(1, len(tables), sharey=True, squeeze=False)[0]
     at = np.arange(len(order))
     for axes, (output, table) in zip(grid, tables.items(), strict=True):
         table = table.loc[order]
@@ -68,7 +63,7 @@ def draw_morris(result: SensitivityResult):
         axes.tick_params(axis="y", length=0)
     grid[-1].legend([bars, dots], ["µ*: mean magnitude, 95 %", "σ: curvature, interaction"], fontsize=8, frameon=False,
                     loc="lower right")  # fmt: skip
-    figure.suptitle("Morris screening, mean over the operating points", x=0.01, ha="left", fontsize=11, color=INK)
+    add_title(figure, "Morris screening, mean over the operating points")
     return figure
 
 
@@ -80,7 +75,9 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
     strength = pd.concat(values.values()).abs().max(axis=1).groupby(level=0).max().sort_values(ascending=False)
     shown = list(strength[strength > MIN_SHOWN].index[:MAX_ROWS]) or list(strength.index[:1])
     omitted = len(strength) - len(shown)
-    order, columns = _point_order(points)
+    columns = list(points.columns)
+    # the last column changes slowest
+    order = list(points.sort_values(columns[::-1]).index) if columns else [0]
     size = max(LEAST_WIDTH, 2.6 + COLUMN * len(order)), 1.5 + (0.35 + ROW * len(shown)) * len(values)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(values), 1, sharex=True, squeeze=False)[:, 0]
@@ -101,26 +98,16 @@ def _panels(points: pd.DataFrame, units, values: dict[str, pd.DataFrame], title:
         _label_points(axes, points, columns, order, units, axes is grid[-1])
         axes.tick_params(length=0, colors=INK)
         axes.spines[:].set_visible(False)
-    bar = figure.colorbar(image, ax=list(grid), pad=0.01, aspect=60)
+    bar = add_colour_bar(figure, image, list(grid), label, aspect=60, pad=0.01)
     if signed:
         ticks = [t for t in (-5, -2, -1, -0.3, 0, 0.3, 1, 2, 5) if abs(t) <= top]
         bar.set_ticks(ticks, labels=[format_number(t) for t in ticks])
     bar.ax.minorticks_off()
-    bar.set_label(label, color=INK)
-    bar.outline.set_visible(False)
     note = f"; {omitted} weaker ones are left out" if omitted else ""
     note += f"\ncells without a number are below {MIN_ANNOTATED:g}"
     note += "; ×: no value" if any(table.isna().to_numpy().any() for table in values.values()) else ""
-    figure.suptitle(title + f"\n{len(points)} operating points, strongest parameters on top{note}",
-                    x=0.01, ha="left", fontsize=10.5, color=INK)  # fmt: skip
+    add_title(figure, title + f"\n{len(points)} operating points, strongest parameters on top{note}", size=10.5)
     return figure
-
-
-def _point_order(points: pd.DataFrame) -> tuple[list[int], list[str]]:
-    """The order of the points with the last column changing slowest, and the columns."""
-    columns = list(points.columns)
-    order = list(points.sort_values(columns[::-1]).index) if columns else [0]
-    return order, columns
 
 
 def _label_points(

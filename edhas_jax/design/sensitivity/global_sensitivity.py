@@ -73,23 +73,20 @@ def sobol_indices_of(
     n = tables.shape[1]
     rows = []
     for k, output in enumerate(outputs):
-        y = tables[:, :, k]
+        y, about = tables[:, :, k], {"output": output, "parameter": list(parameters), "rows": n}
         if np.ptp(y) <= MIN_RELATIVE_RANGE * np.abs(y).max():
-            rows += [{"output": output, "parameter": p, "first": 0.0, "total": 0.0, "rows": n} for p in parameters]
+            rows.append(pd.DataFrame(about | {"first": 0.0, "total": 0.0}))
             continue
         y = (y - y[:2].mean()) / y[:2].std()
         found = stats.sobol_indices(func={"f_A": y[None, 0], "f_B": y[None, 1], "f_AB": y[2:, None]}, n=n,
                                     rng=np.random.default_rng(seed))  # fmt: skip
-        interval = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=BOOTSTRAP_RESAMPLES)
-        for i, p in enumerate(parameters):
-            rows.append({
-                "output": output, "parameter": p, "rows": n,
-                "first": found.first_order[i], "first_low": interval.first_order.confidence_interval.low[i],
-                "first_high": interval.first_order.confidence_interval.high[i],
-                "total": found.total_order[i], "total_low": interval.total_order.confidence_interval.low[i],
-                "total_high": interval.total_order.confidence_interval.high[i],
-            })  # fmt: skip
-    return pd.DataFrame(rows)
+        bootstrap = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=BOOTSTRAP_RESAMPLES)
+        first, total = (order.confidence_interval for order in (bootstrap.first_order, bootstrap.total_order))
+        rows.append(pd.DataFrame(about | {
+            "first": found.first_order, "first_low": first.low, "first_high": first.high,
+            "total": found.total_order, "total_low": total.low, "total_high": total.high,
+        }))  # fmt: skip
+    return pd.concat(rows, ignore_index=True)
 
 
 def morris_effects(
@@ -129,9 +126,8 @@ def morris_effects(
     for k, output in enumerate(outputs):
         y = values[:, k] / np.abs(values[:, k]).mean()
         found = analysis.analyze(problem, designs, y, num_levels=MORRIS_LEVELS, seed=seed)
-        for i, p in enumerate(parameters):
-            rows.append({"output": output, "parameter": p, "mu": found["mu"][i], "mu_star": found["mu_star"][i],
-                         "mu_star_conf": found["mu_star_conf"][i], "sigma": found["sigma"][i],
-                         "trajectories": int(valid.sum())})  # fmt: skip
-    return pd.DataFrame(rows)
+        columns = {name: np.asarray(found[name]) for name in ("mu", "mu_star", "mu_star_conf", "sigma")}
+        about = {"output": output, "parameter": list(parameters)}
+        rows.append(pd.DataFrame(about | columns | {"trajectories": int(valid.sum())}))
+    return pd.concat(rows, ignore_index=True)
 

@@ -60,43 +60,31 @@ class Constraint:
         return format_result(value, self.unit, self.shown)
 
 
-class ToleranceKind(enum.Enum):
-    """The meaning of the ends of a tolerance."""
-
-    RANGE = "range"
-    DIFFERENCE = "difference"
-    FACTOR = "factor"
-
-
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
-    """The variation of a parameter between manufactured machines or conditions.
+    """The variation of a parameter between manufactured machines or conditions: offset + factor · nominal value.
 
     Attributes:
         name: the parameter.
-        kind: whether the ends are values (SI), differences from the nominal value (SI), or factors on it.
-        low: lower end.
-        high: upper end.
+        offset: at the two ends of the tolerance, SI.
+        factor: likewise.
     """
 
     name: str
-    kind: ToleranceKind
-    low: float
-    high: float
+    offset: tuple[float, float]
+    factor: tuple[float, float]
 
     def apply(self, value, fraction: float):
         """The value (SI) of a machine from the nominal one, at a fraction 0 … 1 of the tolerance."""
-        end = self._end(fraction)
-        return {ToleranceKind.RANGE: end + 0.0 * value, ToleranceKind.DIFFERENCE: value + end,
-                ToleranceKind.FACTOR: value * end}[self.kind]  # fmt: skip
+        return _between(*self.offset, fraction) + _between(*self.factor, fraction) * value
 
     def derivative(self, fraction: float) -> float:
         """The derivative of `apply` by the nominal value."""
-        return {ToleranceKind.RANGE: 0.0, ToleranceKind.DIFFERENCE: 1.0,
-                ToleranceKind.FACTOR: self._end(fraction)}[self.kind]  # fmt: skip
+        return _between(*self.factor, fraction)
 
-    def _end(self, fraction: float) -> float:
-        return self.low + fraction * (self.high - self.low)
+
+def _between(low: float, high: float, fraction: float) -> float:
+    return low + fraction * (high - low)
 
 
 class RobustObjective(enum.Enum):
@@ -195,9 +183,8 @@ def load_sizing(source: Path | str | Mapping[str, Any], trust: Trust = ()) -> Si
     if file.machine is not None:
         for axis in (a for a in axes if not a.values):
             value = float(get_parameter(file.machine, axis.name))
-            unit = resolve_parameter(file.machine, axis.name)[0].unit
             if not axis.low <= value <= axis.high:
-                low, high, start = (format_quantity(x, unit) for x in (axis.low, axis.high, value))
+                low, high, start = (format_quantity(x, axis.unit) for x in (axis.low, axis.high, value))
                 top["free"][axis.name].add(f"the range {low} … {high} excludes the start, {start}; widen it, or set "
                                            "another start under `parameters:`")  # fmt: skip
         for name, problem in _order_problems(file.machine, axes):
@@ -261,9 +248,8 @@ def _read_constraints(file: TaskFile, known: list[str] | None) -> tuple[Constrai
             entry.add(f"`max:` or `min:` and a quantity in {about.unit} belong here")
             continue
         bounds = Keys({"min": Key(size, ""), "max": Key(size, "")}).read(entry)
-        for bound, value in bounds.items():
-            if value is not None:
-                constraints.append(Constraint(name, bound == "max", value, about.unit, about.display_unit))
+        shown = about.unit, about.display_unit
+        constraints += [Constraint(name, end == "max", v, *shown) for end, v in bounds.items() if v is not None]
         if None not in bounds.values() and bounds["min"] > bounds["max"]:
             entry.add("`min` lies above `max`: they cannot be met together")
     return tuple(constraints)
@@ -285,13 +271,13 @@ def _read_tolerances(file: TaskFile) -> tuple[Tolerance, ...]:
             inside = entry["plus_minus"]
             is_share = str(inside.value).rstrip().endswith("%")
             size = size_in("-" if is_share else p.unit).read(inside)
-            kind, middle = (ToleranceKind.FACTOR, 1.0) if is_share else (ToleranceKind.DIFFERENCE, 0.0)
             if size is not None:
-                tolerances.append(Tolerance(column, kind, middle - size, middle + size))
+                ends = ((0.0, 0.0), (1.0 - size, 1.0 + size)) if is_share else ((-size, size), (1.0, 1.0))
+                tolerances.append(Tolerance(column, *ends))
         elif isinstance(entry.value, Mapping) and set(entry.value) == {"from", "to"}:
             ends = [quantity(p).read(entry[end]) for end in ("from", "to")]
             if None not in ends:
-                tolerances.append(Tolerance(column, ToleranceKind.RANGE, *ends))
+                tolerances.append(Tolerance(column, tuple(ends), (0.0, 0.0)))
         else:
             entry.add("{plus_minus: 3 um}, {plus_minus: 5 %} or {from: 20 degC, to: 60 degC} belongs here")
     return tuple(tolerances)

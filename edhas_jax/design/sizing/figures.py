@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from edhas_jax.core.chart import add_colour_bar, add_title, set_log_scale
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, format_number, from_si
-from edhas_jax.design.batch.design_table import resolve_parameter
+from edhas_jax.design.batch.experiment_design import Axis
 from edhas_jax.design.sizing.config import SizingTask
 from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
 from edhas_jax.design.sizing.size import SizingResult
@@ -33,25 +34,24 @@ def draw_path(task: SizingTask, result: SizingResult):
     grid[0].set(xlabel="iteration", ylabel="best feasible objective, % from the final one", xlim=(0, last))
     grid[0].set_title(f"{len(best_of_starts)} starts, {100 * result.share_near_best:.0f} % end within 1 %", fontsize=10)
     for axes, axis in zip(grid[1:], task.variables, strict=True):
-        unit = resolve_parameter(task.machine, axis.name)[0].unit
-        shown = display_unit(unit, axis.high)
+        shown, convert = _shown(axis)
         for _, rows in result.path.groupby("start"):
             rows = _improvements(rows)
-            values = from_si(rows[axis.name].to_numpy(), unit, shown)
-            axes.plot(rows["iteration"], values, color=GREY, lw=0.7, alpha=0.6)
+            axes.plot(rows["iteration"], convert(rows[axis.name].to_numpy()), color=GREY, lw=0.7, alpha=0.6)
         for sized in result.machines:
-            axes.axhline(from_si(sized.design[axis.name], unit, shown), color=BEST_COLOUR, lw=1.4)
-        low, high = (from_si(end, unit, shown) for end in (axis.low, axis.high))
+            axes.axhline(convert(sized.design[axis.name]), color=BEST_COLOUR, lw=1.4)
+        low, high = map(convert, (axis.low, axis.high))
         axes.set_ylim(low - 0.03 * (high - low), high + 0.03 * (high - low))
         if axis.log:
-            _set_log_scale(axes, low, high)
+            set_log_scale(axes.yaxis)
+            axes.set_ylim(low * 0.95, high * 1.05)
         axes.set_title(f"{axis.name.replace('_', ' ')}\n{shown}", fontsize=8.5)
         axes.set_xlabel("iteration", fontsize=8)
         axes.tick_params(labelsize=7.5)
     for axes in grid:
         axes.spines[["top", "right"]].set_visible(False)
     title = f"{figure_text(task.name or 'sizing')}: every start (grey) and the result (red)"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+    add_title(figure, title)
     return figure
 
 
@@ -62,14 +62,10 @@ def _improvements(rows):
     return rows[rank >= np.maximum.accumulate(np.nan_to_num(rank, nan=-np.inf))]
 
 
-def _set_log_scale(axes, low: float, high: float) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axes.set_yscale("log")
-    axes.set_ylim(low * 0.95, high * 1.05)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: format_number(v, 3)))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+def _shown(axis: Axis):
+    """The unit in which a design variable is shown, and a function that converts values (SI) to it."""
+    shown = display_unit(axis.unit, axis.high)
+    return shown, lambda value: from_si(value, axis.unit, shown)
 
 
 def draw_front(task: SizingTask, result: SizingResult):
@@ -98,21 +94,18 @@ def draw_front(task: SizingTask, result: SizingResult):
     left.margins(0.1)
     fractions = [[a.fraction_of(s.design[a.name]) for s in feasible] for a in task.variables]
     image = right.imshow(fractions, cmap="viridis", vmin=0, vmax=1, aspect="auto")
+    labels = []
     for i, axis in enumerate(task.variables):
-        unit = resolve_parameter(task.machine, axis.name)[0].unit
-        shown = display_unit(unit, axis.high)
+        shown, convert = _shown(axis)
+        labels.append(f"{axis.name.replace('_', ' ')}, {shown}")
         for k, sized in enumerate(feasible):
-            right.text(k, i, format_number(from_si(sized.design[axis.name], unit, shown), 3), ha="center", va="center",
+            right.text(k, i, format_number(convert(sized.design[axis.name]), 3), ha="center", va="center",
                        fontsize=7.5, color="white" if fractions[i][k] < 0.6 else INK)  # fmt: skip
-    units = [display_unit(resolve_parameter(task.machine, a.name)[0].unit, a.high) for a in task.variables]
-    labels = [f"{a.name.replace('_', ' ')}, {unit}" for a, unit in zip(task.variables, units, strict=True)]
     right.set_yticks(range(len(task.variables)), labels, fontsize=8.5)
     right.set_xticks(range(len(feasible)), [str(k + 1) for k in range(len(feasible))])
     right.set_xlabel("design along the front")
-    bar = figure.colorbar(image, ax=right, pad=0.02, aspect=25)
-    bar.set_label("fraction of the range")
-    bar.outline.set_visible(False)
+    add_colour_bar(figure, image, right, "fraction of the range", aspect=25)
     left.spines[["top", "right"]].set_visible(False)
     right.spines[:].set_visible(False)
-    figure.suptitle(f"{figure_text(task.name or 'sizing')}: Pareto front", x=0.01, ha="left", fontsize=11)
+    add_title(figure, f"{figure_text(task.name or 'sizing')}: Pareto front")
     return figure

@@ -41,6 +41,11 @@ class SearchResult:
     path: pd.DataFrame
     stopped: bool = False
 
+    def of(self, starts) -> "SearchResult":
+        """The best designs of some starts."""
+        kept = {n: getattr(self, n)[starts] for n in ("fractions", "objective", "violation")}
+        return dataclasses.replace(self, **kept)
+
     @property
     def best(self) -> int:
         """The start with the largest feasible objective, or with the smallest violation if none is feasible."""
@@ -48,6 +53,55 @@ class SearchResult:
         if feasible.any():
             return int(np.argmax(np.where(feasible, self.objective, -np.inf)))
         return int(np.argmin(self.violation))
+
+
+class _Search:
+    """A search while it runs: the best design of each start, and the path.
+
+    Args:
+        problem: evaluates the designs.
+        starts: fractions of the ranges, shape (n, d).
+        weights: weights of the goals of each start, shape (n, k); None: those of the task.
+    """
+
+    def __init__(self, problem: SizingProblem, starts: np.ndarray, weights: np.ndarray | None):
+        n = len(starts)
+        self.best = SearchResult(np.array(starts), np.full(n, -np.inf), np.full(n, np.inf), pd.DataFrame())
+        self._problem, self._weights, self._rows = problem, weights, []
+
+    def visit(self, z: np.ndarray, starts: np.ndarray, is_step: bool = True) -> DesignEvaluation | None:
+        """Evaluate a design of each of some starts, as a step of the path or not; None after an interruption.
+
+        The better of two designs is feasible rather than infeasible, then that of the better objective or violation.
+
+        Raises:
+            KeyboardInterrupt: the user has interrupted it before the first step was done.
+        """
+        try:
+            found = self._problem.evaluate(z, None if self._weights is None else self._weights[starts])
+        except KeyboardInterrupt:
+            if not self._rows:
+                raise
+            self.best = dataclasses.replace(self.best, stopped=True)
+            return None
+        before, violation = self.best.of(starts), found.violation
+        feasible, was_feasible = violation <= FEASIBILITY_TOLERANCE, before.violation <= FEASIBILITY_TOLERANCE
+        better = np.where(feasible & was_feasible, found.objective > before.objective, violation < before.violation)
+        better = (better | (feasible & ~was_feasible)) & np.isfinite(found.objective)
+        for kept, new in ((self.best.fractions, z), (self.best.objective, found.objective),
+                          (self.best.violation, violation)):  # fmt: skip
+            kept[starts[better]] = new[better]
+        if is_step:
+            self._rows.append(pd.DataFrame({
+                "iteration": len(self._rows), "start": starts, **self._problem.designs(z),
+                "objective": found.objective, "violation": violation,
+            }))  # fmt: skip
+        return found
+
+    @property
+    def result(self) -> SearchResult:
+        """The best designs so far, with the path to them."""
+        return dataclasses.replace(self.best, path=pd.concat(self._rows, ignore_index=True))
 
 
 def augmented_lagrangian_descent(
@@ -77,21 +131,13 @@ def augmented_lagrangian_descent(
     schedule = optax.cosine_decay_schedule(INITIAL_STEP, iterations, FINAL_STEP / INITIAL_STEP)
     adam = optax.adam(schedule)
     state, update = runtime.jit(adam.init)(z), runtime.jit(adam.update)
-    multipliers = None
-    best = SearchResult(z.copy(), np.full(len(z), -np.inf), np.full(len(z), np.inf), pd.DataFrame())
-    last_valid, rows = np.full_like(z, np.nan), []
+    multipliers, search, all_starts = 0.0, _Search(problem, z, weights), np.arange(len(z))
+    last_valid = np.full_like(z, np.nan)
     for number in range(iterations):
-        try:
-            evaluation = problem.evaluate(z, weights)
-        except KeyboardInterrupt:
-            if not rows:
-                raise
-            return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True), stopped=True)
-        if multipliers is None:
-            multipliers = np.zeros_like(evaluation.constraints)
-        valid = np.isfinite(evaluation.objective)
-        best = _update_best(best, z, evaluation)
-        rows.append(_path_rows(problem, number, z, evaluation))
+        evaluation = search.visit(z, all_starts)
+        if evaluation is None:
+            return search.result
+        valid, best = np.isfinite(evaluation.objective), search.best
         if on_iteration is not None:
             on_iteration(number, float(best.objective[best.best]))
         last_valid[valid] = z[valid]
@@ -104,8 +150,8 @@ def augmented_lagrangian_descent(
         moved = np.clip(z + np.asarray(step), 0.0, 1.0)
         fallback = np.where(np.isfinite(last_valid), last_valid, best.fractions[best.best])
         z = np.where(valid[:, None], moved, 0.5 * (z + fallback))
-    best = _update_best(best, z, problem.evaluate(z, weights))
-    return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True))
+    search.visit(z, all_starts, is_step=False)
+    return search.result
 
 
 def slsqp_multistart(
@@ -129,39 +175,22 @@ def slsqp_multistart(
     """
     requests: queue.Queue = queue.Queue()
     answers = [queue.Queue() for _ in starts]
-    threads = [
-        threading.Thread(target=_run_slsqp, args=(i, z, iterations, requests, answers[i]), daemon=True)
-        for i, z in enumerate(starts)
-    ]
-    for thread in threads:
-        thread.start()
-    unknown = np.full(len(starts), -np.inf), np.full(len(starts), np.inf)
-    best, rows = SearchResult(np.array(starts), *unknown, pd.DataFrame()), []
-    searching = len(starts)
-    while searching:
-        received = [requests.get() for _ in range(searching)]
-        pending = [(i, z) for i, z in received if z is not None]
-        searching = len(pending)
-        if not pending:
+    for i, z in enumerate(starts):
+        arguments = i, z, iterations, requests, answers[i]
+        threading.Thread(target=_run_slsqp, args=arguments, daemon=True).start()
+    search, rounds, searching = _Search(problem, starts, weights), 0, len(starts)
+    while pending := [(i, z) for i, z in (requests.get() for _ in range(searching)) if z is not None]:
+        searching, rounds = len(pending), rounds + 1
+        index, z = map(np.array, zip(*pending, strict=True))
+        evaluation = search.visit(z, index)
+        if evaluation is None:
             break
-        index, z = np.array([i for i, _ in pending]), np.stack([z for _, z in pending])
-        try:
-            evaluation = problem.evaluate(z, None if weights is None else weights[index])
-        except KeyboardInterrupt:
-            if not rows:
-                raise
-            return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True), stopped=True)
-        part = SearchResult(best.fractions[index], best.objective[index], best.violation[index], best.path)
-        part = _update_best(part, z, evaluation)
-        best.fractions[index], best.objective[index] = part.fractions, part.objective
-        best.violation[index] = part.violation
-        rows.append(_path_rows(problem, len(rows), z, evaluation, index))
-        for k, (i, _) in enumerate(pending):
+        for k, i in enumerate(index):
             answers[i].put((-evaluation.objective[k], -evaluation.gradient[k], -evaluation.constraints[k],
                             -evaluation.constraint_gradients[k]))  # fmt: skip
         if on_round is not None:
-            on_round(len(rows))
-    return dataclasses.replace(best, path=pd.concat(rows, ignore_index=True))
+            on_round(rounds)
+    return search.result
 
 
 def _run_slsqp(number: int, start: np.ndarray, iterations: int, requests: queue.Queue, answers: queue.Queue) -> None:
@@ -183,25 +212,3 @@ def _run_slsqp(number: int, start: np.ndarray, iterations: int, requests: queue.
         options={"maxiter": iterations, "ftol": SLSQP_TOLERANCE},
     )  # fmt: skip
     requests.put((number, None))
-
-
-def _update_best(best: SearchResult, z: np.ndarray, evaluation: DesignEvaluation) -> SearchResult:
-    """The better of two designs per start: feasible before infeasible, then by objective or by violation."""
-    violation = evaluation.violation
-    feasible, was_feasible = violation <= FEASIBILITY_TOLERANCE, best.violation <= FEASIBILITY_TOLERANCE
-    better = np.where(feasible & was_feasible, evaluation.objective > best.objective, violation < best.violation)
-    better = (better | (feasible & ~was_feasible)) & np.isfinite(evaluation.objective)
-    return SearchResult(
-        np.where(better[:, None], z, best.fractions), np.where(better, evaluation.objective, best.objective),
-        np.where(better, violation, best.violation), best.path,
-    )  # fmt: skip
-
-
-def _path_rows(
-    problem: SizingProblem, number: int, z: np.ndarray, evaluation: DesignEvaluation, starts=None
-) -> pd.DataFrame:  # fmt: skip
-    """The designs of one iteration as rows of a path."""
-    return pd.DataFrame({
-        "iteration": number, "start": np.arange(len(z)) if starts is None else starts, **problem.designs(z),
-        "objective": evaluation.objective, "violation": evaluation.violation,
-    })  # fmt: skip

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.design.batch.experiment_design import designs_at
-from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings, derivatives_of_runs
+from edhas_jax.design.gradient.fixed_point import Derivatives, GradientSettings
 from edhas_jax.design.gradient.forward import forward
 from edhas_jax.design.sizing.config import Constraint, RobustObjective, SizingTask
 from edhas_jax.machine.parameters import get_parameter, set_parameters
@@ -116,14 +116,11 @@ class SizingProblem:
         scale = np.stack([axis.derivative_at(variables[axis.name]) for axis in self.task.variables], axis=1)
         columns, factor = self._columns(variables, n)
         settings = GradientSettings(self.steps_per_cycle, CYCLE_TOLERANCE, MAX_CYCLES, self.task.settings)
-        evaluate = derivatives_of_runs if self._machine.cycle is None else forward
-        found = evaluate(self._machine, columns, self.names, self._metrics, settings)
+        found = forward(self._machine, columns, self.names, self._metrics, settings)
         self._count_time(found, columns, n * cases)
         failed = np.isin(found.status, FAILED_STATUSES).reshape(n, cases).any(axis=1)
         metrics = {m: found.values[m].reshape(n, cases) for m in self._metrics}
-        slopes = {
-            m: found.slopes[m].reshape(n, cases, -1) * factor[None] * scale[:, None, :] for m in self._metrics
-        }
+        slopes = {m: found.slopes[m].reshape(n, cases, -1) * factor[None] * scale[:, None, :] for m in self._metrics}
         goals, goal_gradients = self._goals(metrics, slopes)
         if weights is None:
             weights = np.tile(list(self.task.weights.values()), (n, 1))
@@ -140,9 +137,7 @@ class SizingProblem:
         failed |= ~np.isfinite(constraints).all(axis=1) | ~np.isfinite(constraint_gradients).all(axis=(1, 2))
         for array in (objective, gradient, constraints, constraint_gradients, goals, goal_gradients):
             array[failed] = np.nan
-        return DesignEvaluation(
-            objective, gradient, constraints, constraint_gradients, goals, goal_gradients, metrics
-        )
+        return DesignEvaluation(objective, gradient, constraints, constraint_gradients, goals, goal_gradients, metrics)
 
     def _count_time(self, found: Derivatives, columns: dict[str, np.ndarray], runs: int) -> None:
         """Add the simulated time of some runs; each derivative counts as a run."""

@@ -2,14 +2,13 @@
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
 
 from edhas_jax.config.machine_config import ConfigError
 from edhas_jax.core.units import format_quantity
-from edhas_jax.design.batch.design_table import resolve_parameter
 from edhas_jax.design.sizing.config import SizingTask
 from edhas_jax.design.sizing.optimiser import (
     FEASIBILITY_TOLERANCE,
@@ -96,11 +95,7 @@ def size(task: SizingTask, on_progress: Callable[[str, float], None] | None = No
             finite derivatives.
     """
     began = time.perf_counter()
-
-    def report(what: str, share: float) -> None:
-        if on_progress is not None:
-            on_progress(what, share)
-
+    report = on_progress or (lambda what, share: None)
     report("compiling", 0.0)
     coarse, fine = SizingProblem(task, COARSE_STEPS), SizingProblem(task, FINE_STEPS)
     goals = np.array(list(task.weights.values()))
@@ -110,7 +105,7 @@ def size(task: SizingTask, on_progress: Callable[[str, float], None] | None = No
         weightings = [2.0 * goals * np.array([1.0 - s, s]) for s in shares]
     initial = coarse.evaluate(coarse.initial_fractions()[None])
     starts = _starts(task, coarse)
-    _check_solvable(task, coarse, coarse.evaluate(starts))
+    _check_solvable(coarse, starts, coarse.evaluate(starts))
     all_starts = np.concatenate([starts] * len(weightings))
     weights = np.repeat(weightings, len(starts), axis=0)
     count = len(all_starts)
@@ -129,16 +124,14 @@ def size(task: SizingTask, on_progress: Callable[[str, float], None] | None = No
     machines, near_best = [], []
     for k, weighting in enumerate(weightings):
         report("refinement", k / len(weightings))
-        part = _part(found, k, len(starts))
+        part = found.of(slice(k * len(starts), (k + 1) * len(starts)))
         near = part.objective >= part.objective[part.best] - NEAR_BEST
         near_best.append(np.mean((part.violation <= FEASIBILITY_TOLERANCE) & near))
         machines.append(_refine(task, fine, part, weighting))
-    _check_feasible(task, fine, machines)
+    _check_feasible(fine, machines)
     start = _sized_machine(task, coarse, coarse.initial_fractions(), initial, "the start", goals)
     seconds = coarse.machine_seconds + fine.machine_seconds
-    return SizingResult(
-        tuple(machines), start, path, float(np.mean(near_best)), seconds, time.perf_counter() - began
-    )
+    return SizingResult(tuple(machines), start, path, float(np.mean(near_best)), seconds, time.perf_counter() - began)
 
 
 def _starts(task: SizingTask, problem: SizingProblem) -> np.ndarray:
@@ -150,14 +143,6 @@ def _starts(task: SizingTask, problem: SizingProblem) -> np.ndarray:
     return np.concatenate([problem.initial_fractions()[None], sequence])
 
 
-def _part(ends: SearchResult, k: int, count: int) -> SearchResult:
-    """The starts of one weighting."""
-    rows = slice(k * count, (k + 1) * count)
-    return dataclasses.replace(
-        ends, fractions=ends.fractions[rows], objective=ends.objective[rows], violation=ends.violation[rows]
-    )
-
-
 def _refine(task: SizingTask, problem: SizingProblem, ends: SearchResult, weighting) -> SizedMachine:
     """Continue the best designs with the fine step; the best of them."""
     feasible = ends.violation <= FEASIBILITY_TOLERANCE
@@ -165,9 +150,7 @@ def _refine(task: SizingTask, problem: SizingProblem, ends: SearchResult, weight
     weights = np.tile(weighting, (len(order), 1))
     if ends.stopped or not feasible.any():
         z = ends.fractions[ends.best]
-        text = "no start meets the constraints"
-        if ends.stopped:
-            text = "interrupted: the best design so far, not refined"
+        text = "interrupted: the best design so far, not refined" if ends.stopped else "no start meets the constraints"
     else:
         refined = slsqp_multistart(problem, ends.fractions[order], SLSQP_ITERATIONS, weights)
         z = refined.fractions[refined.best]
@@ -196,7 +179,7 @@ def _sized_machine(
     )  # fmt: skip
 
 
-def _check_solvable(task: SizingTask, problem: SizingProblem, evaluation: DesignEvaluation) -> None:
+def _check_solvable(problem: SizingProblem, starts: np.ndarray, evaluation: DesignEvaluation) -> None:
     """Raise SizingError unless the starts have finite derivatives, and every goal depends on a design variable."""
     finite = np.isfinite(evaluation.objective)
     if not finite.any():
@@ -205,23 +188,18 @@ def _check_solvable(task: SizingTask, problem: SizingProblem, evaluation: Design
             "move the bounds"
         )
     if not finite[0]:
-        nearest = _design_text(problem, _nearest_start(problem, finite))
+        nearest = starts[finite][np.argmin(np.abs(starts[finite] - starts[0]).sum(axis=1))]
+        nearest = _design_text(problem, {n: v[0] for n, v in problem.designs(nearest[None]).items()})
         raise SizingError("at the start the objective or a derivative is not finite; the nearest design where all "
                           f"are: {nearest}")  # fmt: skip
-    for k, metric in enumerate(task.weights):
+    for k, metric in enumerate(problem.task.weights):
         if np.abs(evaluation.goal_gradients[finite, k]).max() < MIN_GOAL_GRADIENT:
             names = ", ".join(problem.names)
             raise SizingError(f"objective.{metric}: does not depend on any free dimension ({names}); "
                               "free one that acts on it, or leave it out")  # fmt: skip
 
 
-def _nearest_start(problem: SizingProblem, valid: np.ndarray) -> np.ndarray:
-    """The fractions of the valid start nearest to the first one."""
-    starts = _starts(problem.task, problem)
-    return starts[valid][np.argmin(np.abs(starts[valid] - starts[0]).sum(axis=1))]
-
-
-def _check_feasible(task: SizingTask, problem: SizingProblem, machines: list[SizedMachine]) -> None:
+def _check_feasible(problem: SizingProblem, machines: list[SizedMachine]) -> None:
     """Raise SizingError unless a machine meets all constraints."""
     if any(m.violation <= FEASIBILITY_TOLERANCE for m in machines):
         return
@@ -233,13 +211,10 @@ def _check_feasible(task: SizingTask, problem: SizingProblem, machines: list[Siz
         excess = (worst - constraint.value) * (1 if constraint.upper else -1)
         if excess > FEASIBILITY_TOLERANCE * abs(constraint.value):
             violated.append(f"{constraint} ({constraint.text(worst)})")
-    design = ", ".join(
-        f"{n} {format_quantity(best.design[n], resolve_parameter(task.machine, n)[0].unit)}" for n in problem.names
-    )
+    design = _design_text(problem, best.design)
     raise SizingError(f"the limits cannot be met together: {'; '.join(violated)} at the nearest design found: {design}")
 
 
-def _design_text(problem: SizingProblem, z: np.ndarray) -> str:
-    machine = problem.task.machine
-    return ", ".join(f"{n} {format_quantity(v[0], resolve_parameter(machine, n)[0].unit)}"
-                     for n, v in problem.designs(z[None]).items())  # fmt: skip
+def _design_text(problem: SizingProblem, design: Mapping[str, float]) -> str:
+    """The design variables (SI) as text."""
+    return ", ".join(f"{a.name} {format_quantity(design[a.name], a.unit)}" for a in problem.task.variables)

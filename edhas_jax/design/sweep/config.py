@@ -101,12 +101,9 @@ def load_sweep(path: Path | str, trust: Trust = ()) -> Sweep:
         kinds = ", ".join(kind.value for kind in SweepKind)
         file.top["sweep"].add(f"missing; a mapping with `kind:`, one of {kinds}")
     section, kind = file.values["sweep"], file.values["sweep"]["kind"]
-    axes, designs = (), None
-    if kind is SweepKind.TABLE:
-        designs = _table(file, section["file"])
-    elif kind is not None:
-        axes = read_axes(section["parameters"], file.machine, kind.value)
-        designs = _sample(file, axes)
+    is_sampled = kind not in (None, SweepKind.TABLE)
+    axes = read_axes(section["parameters"], file.machine, kind.value) if is_sampled else ()
+    designs = _designs(file, axes)
     if file.is_valid:
         try:
             plan_chunks(file.machine, designs, file.settings)
@@ -119,25 +116,18 @@ def load_sweep(path: Path | str, trust: Trust = ()) -> Sweep:
     return Sweep(file.machine, designs, file.settings, kind.value, axes, seed, file.values["name"], file.path)
 
 
-def _table(file: TaskFile, name: str | None) -> dict[str, np.ndarray] | None:
-    """The designs of a file; None after a problem."""
-    if name is None or file.machine is None:
+def _designs(file: TaskFile, axes: tuple[Axis, ...]) -> dict[str, np.ndarray] | None:
+    """The designs of a file, or over axes; None after a problem."""
+    section, kind = file.values["sweep"], file.values["sweep"]["kind"]
+    is_table = kind is SweepKind.TABLE
+    if file.machine is None or kind is None or (section["file"] is None if is_table else not file.is_valid):
         return None
     try:
-        return read_design_table(file.path.parent / name, file.machine)
-    except DesignError as error:
-        return file.top["sweep"]["file"].add(str(error))
-
-
-def _sample(file: TaskFile, axes: tuple[Axis, ...]) -> dict[str, np.ndarray] | None:
-    """The designs of the other kinds; None after a problem."""
-    section = file.values["sweep"]
-    if not file.is_valid or file.machine is None:
-        return None
-    try:
-        if section["kind"] is SweepKind.GRID:
+        if is_table:
+            return read_design_table(file.path.parent / section["file"], file.machine)
+        if kind is SweepKind.GRID:
             return full_factorial(axes)
-        sample = latin_hypercube if section["kind"] is SweepKind.LATIN_HYPERCUBE else sobol_sequence
+        sample = latin_hypercube if kind is SweepKind.LATIN_HYPERCUBE else sobol_sequence
         return sample(axes, section["count"], section["seed"])
     except DesignError as error:
-        return section["parameters"].add(str(error))
+        return file.top["sweep"]["file" if is_table else "parameters"].add(str(error))

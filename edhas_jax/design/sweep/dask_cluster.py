@@ -23,20 +23,23 @@ class ClusterError(ResultFileError):
 
 
 @contextlib.contextmanager
-def dask_executor(spec: str, versions: Callable[[], dict[str, str]] = versions) -> Iterator[Executor]:
+def dask_executor(spec: str | None, versions: Callable[[], dict[str, str]] = versions) -> Iterator[Executor | None]:
     """Connect to a cluster for the duration of a context.
 
     Args:
         spec: "local:4" for four worker processes on this machine, or the address of a Dask scheduler,
-            "tcp://host:8786".
+            "tcp://host:8786"; None: no cluster.
         versions: the versions that must be the same in all processes, from a function of a module.
 
     Yields:
-        An executor that runs its calls on the workers.
+        An executor that runs its calls on the workers; None without a cluster.
 
     Raises:
         ClusterError: the text is invalid, Dask is not installed, no scheduler answers, or a worker has other versions.
     """
+    if spec is None:
+        yield None
+        return
     local = re.fullmatch(r"local:([1-9]\d{0,3})", spec)
     if not local and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", spec):
         raise ClusterError(f"--cluster {spec}: write local:2 for processes on this machine, or tcp://host:8786")
@@ -57,16 +60,13 @@ def dask_executor(spec: str, versions: Callable[[], dict[str, str]] = versions) 
             "distributed.scheduler.allowed-failures": MAX_WORKER_FAILURES,
             "distributed.admin.large-graph-warning-threshold": LARGEST_CALL,
         }))  # fmt: skip
+        address = spec
         if local:
             with _workers_ignore_interrupts():
-                address = stack.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=int(local[1]), threads_per_worker=1, processes=True, dashboard_address=None,
-                        silence_logs=50, env={"EDHAS_CORES": str(max(1, cores() // int(local[1])))},
-                    )
-                )  # fmt: skip
-        else:
-            address = spec
+                address = stack.enter_context(distributed.LocalCluster(
+                    n_workers=int(local[1]), threads_per_worker=1, processes=True, dashboard_address=None,
+                    silence_logs=50, env={"EDHAS_CORES": str(max(1, cores() // int(local[1])))},
+                ))  # fmt: skip
         try:
             client = stack.enter_context(distributed.Client(address, timeout=SCHEDULER_TIMEOUT))
         except (OSError, TimeoutError, ValueError):

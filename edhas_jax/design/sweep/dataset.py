@@ -15,9 +15,7 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.source_location import first_line
 from edhas_jax.core.summary import Summary
 from edhas_jax.design.sweep.figures import draw_sweep
-from edhas_jax.design.sweep.sweep_summary import sweep_summary
-from edhas_jax.design.sweep.table import NOT_RUN, Field, SweepResult
-from edhas_jax.simulation.validity import REASONS, Status
+from edhas_jax.design.sweep.table import CONVERGENCE_COLUMNS, OUTCOMES, Field, SweepResult, summary_of_parts
 
 DESIGN = "design"  # the dimension of designs that are no grid
 KEPT = ("name", "machine", "edhas_jax", "jax", "engine", "date")  # of what made the sweep, where it is known
@@ -40,12 +38,12 @@ class SweepData(xr.Dataset):
         parameters = tuple(n for n, v in self.variables.items() if v.attrs.get("role") == "parameter")
         metrics = tuple(n for n, v in self.variables.items() if v.attrs.get("role") == "metric")
         sweep = json.loads(self.attrs["sweep"])
-        frame["reason"] = [_reason(s) for s in frame["status"]]
+        frame["reason"] = frame["status"].map(OUTCOMES)
         return SweepResult(frame, parameters, metrics, fields, {"name": self.attrs.get("name", ""), "sweep": sweep})
 
     def summary(self) -> Summary:
         """How many designs ended with which status, and the range of each parameter and metric."""
-        return sweep_summary(self.result())
+        return summary_of_parts([self.result()])
 
     def plot_heat(self, metric: str | None = None, x: str | None = None, y: str | None = None, **options: Any):
         """A matplotlib figure: a metric over two parameters; arguments as of `draw_sweep`.
@@ -100,15 +98,12 @@ def to_dataset(result: SweepResult) -> SweepData:
     def shaped(name: str):
         return frame[name].to_numpy().reshape(shape if is_grid else (len(frame),))
 
-    variables, coordinates = {}, {}
+    coordinates = {}
     for name in result.parameters:
         values = levels[name] if is_grid else frame[name].to_numpy()
         coordinates[name] = ((name,) if is_grid else dims, values, _attributes(result, name, "parameter"))
-    for name in result.metrics:
-        variables[name] = (dims, shaped(name), _attributes(result, name, "metric"))
-    for name in ("cycles", "residual"):
-        if name in frame:
-            variables[name] = (dims, shaped(name), _attributes(result, name, "account"))
+    roles = dict.fromkeys(result.metrics, "metric") | {n: "account" for n in CONVERGENCE_COLUMNS if n in frame}
+    variables = {n: (dims, shaped(n), _attributes(result, n, role)) for n, role in roles.items()}
     variables["status"] = (dims, shaped("status").astype(str), {"long_name": "outcome of the run"})
     made = {n: str(result.manifest[n]) for n in KEPT if result.manifest.get(n)}
     return SweepData(variables, coordinates, made | {"sweep": json.dumps(sweep)})
@@ -139,7 +134,3 @@ def _attributes(result: SweepResult, name: str, role: str) -> Mapping[str, str |
 def _field(attributes: Mapping[str, Any]) -> Field:
     unit = "-" if attributes["units"] == "1" else attributes["units"]
     return Field(unit, attributes.get("shown", unit), attributes.get("long_name", ""), int(attributes.get("rank", 0)))
-
-
-def _reason(status: str) -> str:
-    return "not run yet" if status == NOT_RUN else REASONS[Status[status.upper()]]

@@ -1,50 +1,183 @@
-"""Folder of a sweep: a file per finished chunk, a manifest, and the table of all designs at the end."""
+"""Folder of a sweep: a manifest with what it is and its state, a file per finished chunk, the table of all designs.
+
+A file of a chunk, `chunks/NUMBER-CHECKSUM.parquet`, is complete or absent, and read only if intact.
+"""
 
 import contextlib
+import dataclasses
 import datetime
 import errno
 import json
+import re
 import shutil
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 
-from edhas_jax.config.result_files import LOCK_FILE, lock_folder
+from edhas_jax.config.result_files import LOCK_FILE, ResultFileError, lock_folder
+from edhas_jax.core import checksums
 from edhas_jax.core.atomic_file import PARTIAL_SUFFIX, atomic_write
-from edhas_jax.core.checksums import digest_of_file
+from edhas_jax.core.regular_file import FileKindError, open_regular_file, read_regular_file
 from edhas_jax.design.batch.batch import Chunk, engine_of_designs
-from edhas_jax.design.sweep.chunk_files import (
-    CHUNKS_FOLDER,
-    each_chunk_file,
-    is_chunk_name,
-    read_chunk_file,
-    write_chunk_file,
-)
-from edhas_jax.design.sweep.chunk_job import ChunkResult
 from edhas_jax.design.sweep.config import Sweep
-from edhas_jax.design.sweep.identity import (
-    device,
-    identity_differences,
-    identity_hash,
-    machine_text,
-    sweep_identity,
-)
-from edhas_jax.design.sweep.manifest import (
-    FORMAT_VERSION,
-    MANIFEST_FILE,
-    ManifestError,
-    SweepError,
-    open_listed_file,
-    read_manifest,
-    write_manifest,
-)
-from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table
-from edhas_jax.design.sweep.table_windows import windows, write_table
+from edhas_jax.design.sweep.identity import device, identity_differences, identity_hash, machine_text, sweep_identity
+from edhas_jax.design.sweep.table import TABLE_FILE, sweep_table, windows, write_table
 
+FORMAT_VERSION = 2  # the first had no checksums
+MAX_MANIFEST_BYTES = 500_000_000  # the samples of a recording may be in it
+MANIFEST_FILE = "manifest.json"
+CHUNKS_FOLDER = "chunks"
+_CHUNK_NAME = re.compile(r"(\d{6,8})-([0-9a-f]{16})\.parquet")
 DESIGNS_FILE = "designs.parquet"
 OWN_NAMES = (MANIFEST_FILE, DESIGNS_FILE, TABLE_FILE, CHUNKS_FOLDER, LOCK_FILE)
+
+
+class SweepError(ResultFileError):
+    """A sweep cannot be run, written or read."""
+
+
+class ManifestError(SweepError):
+    """The folder has no manifest, or a damaged one."""
+
+
+def write_manifest(folder: Path, manifest: dict[str, Any]) -> None:
+    """Write the manifest with its checksum.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    text = json.dumps(checksums.with_checksum(manifest), indent=2, ensure_ascii=False) + "\n"
+    with atomic_write(folder / MANIFEST_FILE) as file:
+        file.write_text(text, encoding="utf-8")
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a sweep's folder.
+
+    Raises:
+        ManifestError: it is missing or damaged.
+        SweepError: it was written by a later version.
+    """
+    try:
+        manifest = json.loads(read_regular_file(folder / MANIFEST_FILE, MAX_MANIFEST_BYTES).decode("utf-8"))
+        later = manifest["format"] > FORMAT_VERSION
+        checked = checksums.CHECKSUM_KEY in manifest or manifest["format"] == FORMAT_VERSION
+        if checked and not checksums.has_valid_checksum(manifest):
+            raise ValueError("its checksum is wrong; the command that made the folder repairs it")
+        if later:
+            raise SweepError(f"{folder}: written by a later version ({manifest['edhas_jax']}); "
+                             f"this one reads {FORMAT_VERSION}")  # fmt: skip
+        if not {"hash", "identity", "state"} <= manifest.keys():
+            raise ValueError("keys are missing")
+        return manifest
+    except FileNotFoundError:
+        raise ManifestError(f"{folder}: is not the folder of a sweep: {MANIFEST_FILE} is missing") from None
+    except (NotADirectoryError, FileKindError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, SweepError):
+            raise
+        raise ManifestError(f"{folder}: {MANIFEST_FILE} is damaged or not one of a sweep: {error}") from None
+
+
+def open_listed_file(folder: Path, manifest: dict[str, Any], name: str) -> BinaryIO | None:
+    """A file of the folder, open; None if it is missing or not the one that the manifest lists.
+
+    Raises:
+        OSError: there is such a name, but it cannot be read.
+    """
+    if manifest["format"] == FORMAT_VERSION:
+        return checksums.open_checked(folder / name, manifest.get("files", {}).get(name))
+    try:
+        return open_regular_file(folder / name)
+    except FileNotFoundError:
+        return None
+
+
+@dataclasses.dataclass(frozen=True)
+class ChunkResult:
+    """The results of a chunk.
+
+    Attributes:
+        number: of the chunk in the sweep.
+        metrics: by metric the values (SI) of its designs, shape (designs,), with status, cycles and residual.
+        versions: versions of the libraries and of the model code.
+        device: processor and compiler flags.
+    """
+
+    number: int
+    metrics: Mapping[str, np.ndarray]
+    versions: Mapping[str, str]
+    device: Mapping[str, str]
+
+
+class ChunkFile(NamedTuple):
+    """The content of the file of a chunk.
+
+    Attributes:
+        sweep: hash of the identity of the sweep to which it belongs.
+        device: on which it was computed.
+        columns: `design` (row numbers) and the metrics (SI), each (designs,).
+    """
+
+    sweep: str
+    device: dict[str, str]
+    columns: dict[str, np.ndarray]
+
+
+def write_chunk_file(folder: Path, sweep: str, rows: np.ndarray, result: ChunkResult) -> Path:
+    """Write the file of a chunk into the folder of a sweep, which appears under its name only when it is complete.
+
+    Returns:
+        Its path.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    metadata = {"hash": sweep, "versions": json.dumps(result.versions), "device": json.dumps(result.device)}
+    data = pa.table({"design": rows, **result.metrics}).replace_schema_metadata(metadata)
+    buffer = pa.BufferOutputStream()
+    pq.write_table(data, buffer)
+    content = buffer.getvalue().to_pybytes()
+    name = f"{result.number:06d}-{checksums.digest(content)}.parquet"
+    with atomic_write(folder / CHUNKS_FOLDER / name) as file:
+        file.write_bytes(content)
+    for other in (folder / CHUNKS_FOLDER).glob(f"{result.number:06d}-*.parquet"):
+        if other.name != name:
+            other.unlink()
+    return folder / CHUNKS_FOLDER / name
+
+
+def each_chunk_file(folder: Path) -> Iterator[tuple[int, Path, ChunkFile | None]]:
+    """Number, path and content of the chunk files in the folder of a sweep, one after the other.
+
+    The content is None where the file is damaged or was changed; an intact one of the same number may follow.
+    """
+    for path in sorted((folder / CHUNKS_FOLDER).glob("*.parquet")):
+        match = _CHUNK_NAME.fullmatch(path.name)
+        if match is not None:
+            yield int(match[1]), path, read_chunk_file(path)
+
+
+def read_chunk_file(path: Path) -> ChunkFile | None:
+    """The content of a chunk file; None if it is damaged or was changed."""
+    try:
+        content = checksums.read_checked(path, _CHUNK_NAME.fullmatch(path.name)[2])
+        if content is None:
+            return None
+        data = pq.read_table(pa.BufferReader(content))
+        metadata = {k.decode(): v.decode() for k, v in (data.schema.metadata or {}).items()}
+        columns = {name: data[name].to_numpy() for name in data.column_names}
+        return ChunkFile(metadata["hash"], json.loads(metadata["device"]), columns)
+    except (OSError, ValueError, KeyError, pa.ArrowException):
+        return None
+
+
+def is_chunk_name(name: str) -> bool:
+    """Whether a file of this name in `chunks` is one that the program writes."""
+    return bool(_CHUNK_NAME.fullmatch(name)) or name.startswith(".") and name.endswith(PARTIAL_SUFFIX)
 
 
 class SweepFolder:
@@ -137,17 +270,19 @@ class SweepFolder:
                                     "and is written anew from the finished chunks")  # fmt: skip
 
     def _is_intact(self, manifest: dict, name: str) -> bool:
-        file = open_listed_file(self.path, manifest, name)
-        if file is not None:
-            file.close()
-        return file is not None
+        with open_listed_file(self.path, manifest, name) or contextlib.nullcontext() as file:
+            return file is not None
 
     def _write_designs(self) -> dict[str, str]:
         """Write the table of designs; its name and checksum."""
-        with atomic_write(self.path / DESIGNS_FILE) as file:
-            pq.write_table(sweep_table(self._sweep.machine, self._sweep.designs), file)
+        designs = sweep_table(self._sweep.machine, self._sweep.designs)
+        return self._write_table(DESIGNS_FILE, lambda file: pq.write_table(designs, file))
+
+    def _write_table(self, name: str, write: Callable[[Path], None]) -> dict[str, str]:
+        with atomic_write(self.path / name) as file:
+            write(file)
             with file.open("rb") as written:
-                return {DESIGNS_FILE: digest_of_file(written)}
+                return {name: checksums.digest_of_file(written)}
 
     def _create(self) -> None:
         """Write the designs and the manifest of a sweep that begins."""
@@ -199,14 +334,11 @@ class SweepFolder:
         rows = [chunk.rows for chunk in self._chunks]
         used = [json.loads(d) for d in sorted({json.dumps(device) for device in self._devices.values()})]
         with self._report_write_errors():
-            with atomic_write(self.path / TABLE_FILE) as file:
-                write_table(designs, windows(rows, self._results_of, len(self._sweep)), file)
-                with file.open("rb") as written:
-                    checksum = digest_of_file(written)
+            parts = windows(rows, self._results_of, len(self._sweep))
+            written = self._write_table(TABLE_FILE, lambda file: write_table(designs, parts, file))
             manifest = read_manifest(self.path)
-            files = manifest["files"] | {TABLE_FILE: checksum}
-            changes = {"state": "finished", "finished": _now(), "computed_on": used, "files": files}
-            write_manifest(self.path, manifest | changes)
+            changes = {"state": "finished", "finished": _now(), "computed_on": used}
+            write_manifest(self.path, manifest | changes | {"files": manifest["files"] | written})
 
     def _results_of(self, number: int) -> dict[str, np.ndarray]:
         """The results of a finished chunk."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from edhas_jax.core.chart import add_colour_bar, add_title, set_log_scale
 from edhas_jax.core.plot_style import GREY, INK
 from edhas_jax.design.sweep.design_selection import (
     COLOUR_MAP,
@@ -55,10 +56,8 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
     others = [n for n in varied if n not in (x, y)] if selection.is_grid and not average else []
     columns = _panel_values(selection, others, 0, MAX_PANEL_COLUMNS)
     rows = _panel_values(selection, others, 1, MAX_PANEL_ROWS)
-    fixed = {}
-    for name in others[2:]:  # parameters beyond rows and columns are fixed at their middle value
-        levels = np.sort(pd.unique(selection.result.frame[name][selection.selected]))
-        fixed[name] = levels[len(levels) // 2]
+    # parameters beyond rows and columns are fixed at their middle value
+    fixed = {n: (levels := _levels(selection, n))[len(levels) // 2] for n in others[2:]}
     figure = Figure(figsize=(1.6 + 3.4 * len(columns) + (2.6 if len(columns) == 1 else 0),
                              1.3 + 2.9 * len(rows) + (1.4 if len(rows) == 1 else 0)), layout="constrained")  # fmt: skip
     grid = figure.subplots(len(rows), len(columns), squeeze=False, sharex=True, sharey=True)
@@ -75,15 +74,13 @@ def draw_heat_map(selection: DesignSelection, metric: str, x: str | None, y: str
         _label_axes(axes, selection, x, y, {**rows[r], **columns[c]}, last=r == len(rows) - 1, first=c == 0)
         if selection.is_grid and not failed.any():
             _draw_contours(axes, x_edges, y_edges, mean, (low, high))
-    bar = figure.colorbar(image, ax=grid, pad=0.02, aspect=28)
-    bar.set_label(selection.label(metric), color=INK, fontsize=10)
-    bar.outline.set_visible(False)
+    add_colour_bar(figure, image, grid, selection.label(metric))
     what = metric.replace("_", " ") + f" over {x.replace('_', ' ')} and {y.replace('_', ' ')}"
     what += "".join(f", {n.replace('_', ' ')} {selection.quantity(n, v)}" for n, v in fixed.items())
     averaged = [n for n in varied if n not in (x, y)] if not others else []
     if averaged:
         what += f", mean over {', '.join(n.replace('_', ' ') for n in averaged)}"
-    figure.suptitle(selection.title(what), x=0.01, ha="left", fontsize=11, color=INK)
+    add_title(figure, selection.title(what))
     return figure
 
 
@@ -116,9 +113,14 @@ def _panel_values(selection: DesignSelection, others: list[str], position: int, 
     """The values of the parameter at a position of `others`, a panel each: at most `limit`, spread over its range."""
     if len(others) <= position:
         return [{}]
-    levels = np.sort(pd.unique(selection.result.frame[others[position]][selection.selected]))
+    levels = _levels(selection, others[position])
     chosen = np.unique(np.linspace(0, len(levels) - 1, min(limit, len(levels))).round().astype(int))
     return [{others[position]: levels[i]} for i in chosen]
+
+
+def _levels(selection: DesignSelection, name: str) -> np.ndarray:
+    """The distinct values (SI) of a parameter among the selected designs, ascending."""
+    return np.sort(pd.unique(selection.result.frame[name][selection.selected]))
 
 
 def _cells(selection: DesignSelection, metric: str, x: str, y: str, fixed: dict[str, float]):
@@ -126,9 +128,8 @@ def _cells(selection: DesignSelection, metric: str, x: str, y: str, fixed: dict[
     inside = selection.selected.copy()
     for name, value in fixed.items():
         inside &= selection.result.frame[name].to_numpy() == value
-    edges, index = [], []
-    for name in (x, y):
-        values = selection.values(name)
+    edges, columns = [], [selection.values(name) for name in (y, x)]
+    for name, values in zip((y, x), columns, strict=True):
         chosen = values[selection.selected]
         levels = np.sort(pd.unique(chosen)) if selection.is_grid else few_levels(chosen, MAX_EXACT_VALUES)
         if levels is not None:
@@ -137,17 +138,15 @@ def _cells(selection: DesignSelection, metric: str, x: str, y: str, fixed: dict[
             count = int(np.clip(np.sqrt(inside.sum() / DESIGNS_PER_CELL), 3, 40))
             spacing = np.geomspace if selection.is_log(name) else np.linspace
             edges.append(spacing(chosen.min(), chosen.max(), count + 1))
-        index.append(np.clip(np.searchsorted(edges[-1], values, side="right") - 1, 0, len(edges[-1]) - 2))
-    shape = (len(edges[1]) - 1, len(edges[0]) - 1)
 
     def total(mask, weights=None):
-        at = index[1][mask] * shape[1] + index[0][mask]
-        return np.bincount(at, None if weights is None else weights[mask], shape[0] * shape[1]).reshape(shape)
+        weights = None if weights is None else weights[mask]
+        return np.histogram2d(*(column[mask] for column in columns), bins=edges, weights=weights)[0]
 
     good = inside & selection.ok
     count = total(good)
     mean = np.where(count > 0, total(good, selection.values(metric)) / np.maximum(count, 1), np.nan)
-    return edges[0], edges[1], mean, (count == 0) & (total(inside & selection.failed) > 0)
+    return edges[1], edges[0], mean, (count == 0) & (total(inside & selection.failed) > 0)
 
 
 def _cell_edges(levels: np.ndarray, log: bool) -> np.ndarray:
@@ -185,14 +184,9 @@ def _draw_contours(axes, x_edges, y_edges, mean, span) -> None:
 def _label_axes(
     axes, selection: DesignSelection, x: str, y: str, fixed: dict[str, float], last: bool, first: bool
 ) -> None:  # fmt: skip
-    for name, axis, scale in ((x, axes.xaxis, axes.set_xscale), (y, axes.yaxis, axes.set_yscale)):
+    for name, axis in ((x, axes.xaxis), (y, axes.yaxis)):
         if selection.is_log(name):
-            from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-            scale("log")
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda v, _: tick_label(v)))
-            axis.set_minor_formatter(NullFormatter())
+            set_log_scale(axis)
     if fixed:
         title = ", ".join(f"{n.replace('_', ' ')} {selection.quantity(n, v)}" for n, v in fixed.items())
         axes.set_title(title, fontsize=9)

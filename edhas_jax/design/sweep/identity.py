@@ -99,22 +99,21 @@ def device(engine: str = "") -> dict[str, str]:
     Args:
         engine: as of `versions`.
     """
-    kind = str(jax.devices()[0].device_kind)
-    devices = {e.name: e.device_names for e in engines.ENGINES}
+    names_of = {e.name: e.device_names for e in engines.ENGINES}[engine or serving_engine().name]
     return {
         "platform": jax.default_backend(),
-        "device": devices[engine or serving_engine().name]() or kind,
+        "device": names_of() or str(jax.devices()[0].device_kind),
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
     }
 
 
 def effect_code(machine: Rig) -> dict[str, str]:
     """By effect `library`, the place of a tabulated law, or the hash of the user's file; so for a user's controller."""
-    tables = {effect.id: table_of(effect) for effect in machine.effects}
-    sources = {effect.id: _code_of(effect) for effect in machine.effects}
-    for name, table in tables.items():
-        if table is not None:
-            sources[name] = " ".join(("table", table.place.slot, table.place.variable, *table.place.factors))
+    sources = {}
+    for effect in machine.effects:
+        place = None if (table := table_of(effect)) is None else table.place
+        words = ("table", place.slot, place.variable, *place.factors) if place else (_code_of(effect),)
+        sources[effect.id] = " ".join(words)
     for part in machine.replaceable_parts():
         if part is machine:
             sources["rig"] = _code_of(machine)
@@ -141,9 +140,14 @@ def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) 
     """
     if stored["rig"] != current["rig"]:
         return [f"rig: {stored['rig']} in the folder, {current['rig']} now"]
-    lines = _differing_values("", stored["kinds"], current["kinds"], str)
-    lines += _differing_values("effect ", stored["effects"], current["effects"], str)
-    lines += _differing_values("parameter ", stored["parameters"], current["parameters"], lambda v: format_quantity(*v))
+
+    def differing(what: str, key: str, to_text: Callable[[Any], str] = str) -> list[str]:
+        old, new = ({n: to_text(v) for n, v in values[key].items()} for values in (stored, current))
+        names = [n for n in dict.fromkeys([*old, *new]) if stored[key].get(n) != current[key].get(n)]
+        return [f"{what}{n}: {old.get(n, 'none')} in the folder, {new.get(n, 'none')} now" for n in names]
+
+    lines = differing("", "kinds") + differing("effect ", "effects")
+    lines += differing("parameter ", "parameters", lambda value: format_quantity(*value))
     old, new = stored["designs"], current["designs"]
     if old["names"] != new["names"]:
         lines.append(f"varied parameters: {', '.join(old['names'])} in the folder, {', '.join(new['names'])} now")
@@ -151,16 +155,4 @@ def identity_differences(stored: Mapping[str, Any], current: Mapping[str, Any]) 
         lines.append(f"number of designs: {old['count']:,} in the folder, {new['count']:,} now")
     elif old["sha256"] != new["sha256"]:
         lines.append("table of designs: other values")
-    lines += _differing_values("setting ", stored["settings"], current["settings"], str)
-    return lines + _differing_values("version of ", stored["versions"], current["versions"], str)
-
-
-def _differing_values(what: str, stored: Mapping, current: Mapping, to_text: Callable[[Any], str]) -> list[str]:
-    def text(values, name):
-        return to_text(values[name]) if name in values else "none"
-
-    return [
-        f"{what}{n}: {text(stored, n)} in the folder, {text(current, n)} now"
-        for n in dict.fromkeys([*stored, *current])
-        if stored.get(n) != current.get(n)
-    ]
+    return lines + differing("setting ", "settings") + differing("version of ", "versions")

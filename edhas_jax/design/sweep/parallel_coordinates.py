@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from edhas_jax.core.chart import LOG_TICKS, add_colour_bar, add_title
 from edhas_jax.core.plot_style import INK
 from edhas_jax.design.sweep.design_selection import (
     COLOUR_MAP,
@@ -49,11 +50,7 @@ def draw_parallel_coordinates(selection: DesignSelection, metric: str):
     good = good[np.argsort(colour[good])]
     figure = Figure(figsize=(2.6 + 1.75 * len(names), 6.0), layout="constrained")
     axes = figure.add_subplot()
-    heights, ticks = [], []
-    for name in names:
-        height, marks = _axis_scale(selection, name)
-        heights.append(height)
-        ticks.append(marks)
+    heights, ticks = zip(*(_axis_scale(selection, name) for name in names), strict=True)
     heights = np.stack(heights, axis=1)
     varied = len(selection.varied())
     # the metrics of a failed design are meaningless: its line ends with its parameters
@@ -78,12 +75,10 @@ def draw_parallel_coordinates(selection: DesignSelection, metric: str):
                       annotation_clip=False)  # fmt: skip
     axes.set(xlim=(-0.45, len(names) - 0.8), ylim=(-0.03, 1.17))
     axes.axis("off")
-    bar = figure.colorbar(ScalarMappable(norm, COLOUR_MAP), ax=axes, pad=0.02, aspect=28)
-    bar.set_label(selection.label(metric), color=INK, fontsize=10)
-    bar.outline.set_visible(False)
+    add_colour_bar(figure, ScalarMappable(norm, COLOUR_MAP), axes, selection.label(metric))
     what = f"parameters and metrics, coloured by {metric.replace('_', ' ')}"
     what += f" ({len(good) + len(failed):,} designs drawn, at random)" if thinned else ""
-    figure.suptitle(selection.title(what), x=0.01, ha="left", fontsize=11, color=INK)
+    add_title(figure, selection.title(what))
     return figure
 
 
@@ -97,10 +92,8 @@ def _axis_scale(selection: DesignSelection, name: str) -> tuple[np.ndarray, list
     log = selection.is_log(name)
     z, ends = (np.log(np.maximum(values, 1e-300)), np.log([low, high])) if log else (values, np.array([low, high]))
     width = max(ends[1] - ends[0], 1e-300)
-    levels = few_levels(values[shown], MAX_EXACT_TICKS)
-    if levels is not None:
-        marks = levels
-    else:
-        marks = (LogLocator(subs=(1.0, 2.0, 5.0)) if log else MaxNLocator(6)).tick_values(low, high)
+    marks = few_levels(values[shown], MAX_EXACT_TICKS)
+    if marks is None:
+        marks = (LogLocator(subs=LOG_TICKS) if log else MaxNLocator(6)).tick_values(low, high)
     inside = [float(v) for v in marks if low <= v <= high]
     return (z - ends[0]) / width, [(v, float(((np.log(v) if log else v) - ends[0]) / width)) for v in inside]

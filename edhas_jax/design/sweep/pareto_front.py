@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from edhas_jax.core.chart import style_axes
+from edhas_jax.core.chart import add_title, style_axes
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.design.sweep.design_selection import (
     GRID_COLOUR,
@@ -114,8 +114,8 @@ def draw_pareto_front(selection: DesignSelection, objectives: Sequence[str] | No
         cell.set_edgecolor(GRID_COLOUR)
         cell.get_text().set_color(GREY if row == 0 else INK)
         cell.set_height(0.38 if row == 0 else 0.145)
-    figure.suptitle(selection.title(f"{names[0].replace('_', ' ')} against {names[1].replace('_', ' ')}", "left out"),
-                    x=0.01, ha="left", fontsize=11, color=INK)  # fmt: skip
+    what = " against ".join(name.replace("_", " ") for name in names)
+    add_title(figure, selection.title(what, "left out"))
     return figure
 
 

@@ -2,6 +2,8 @@
 
 import concurrent.futures
 import contextlib
+import dataclasses
+import functools
 import itertools
 import os
 import warnings
@@ -14,17 +16,63 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from edhas_jax.design.batch.batch import plan_chunks
-from edhas_jax.design.sweep.chunk_files import each_chunk_file
-from edhas_jax.design.sweep.chunk_job import ChunkJob, ChunkResult, compute_chunk
+from edhas_jax.config.machine_config import build_config
+from edhas_jax.config.yaml_with_lines import parse_yaml
+from edhas_jax.core.trusted_code import TrustedCode
+from edhas_jax.design.batch.batch import BatchSettings, Chunk, engine_of_designs, plan_chunks, run_chunk
 from edhas_jax.design.sweep.config import Sweep
-from edhas_jax.design.sweep.folder import DESIGNS_FILE, SweepFolder
-from edhas_jax.design.sweep.identity import machine_text, user_code
-from edhas_jax.design.sweep.manifest import SweepError, open_listed_file, read_manifest
+from edhas_jax.design.sweep.folder import (
+    DESIGNS_FILE,
+    ChunkResult,
+    SweepError,
+    SweepFolder,
+    each_chunk_file,
+    open_listed_file,
+    read_manifest,
+)
+from edhas_jax.design.sweep.identity import device, machine_text, user_code, versions
 from edhas_jax.design.sweep.table import TABLE_FILE, TEXT_COLUMNS, SweepResult, to_result, with_results
 from edhas_jax.machine.interface.metrics import in_order
+from edhas_jax.machine.rigs import Rig
 
 MOST_PENDING = 256  # chunks that are handed to workers at a time
+
+
+@dataclasses.dataclass(frozen=True)
+class ChunkJob:
+    """A chunk to compute, with all that a worker process needs for it.
+
+    Attributes:
+        number: of the chunk in the sweep.
+        machine: the machine as configuration text, so that every process builds the same.
+        code: the user's code that the machine needs, with the content that has run where the sweep was read.
+        values: by parameter the values (SI) of its designs, shape (designs,).
+        steps_per_cycle: integration steps per cycle of the set point.
+        settings: settings of the batch.
+        many_lanes: as of the `Chunk`.
+    """
+
+    number: int
+    machine: str
+    code: TrustedCode
+    values: Mapping[str, np.ndarray]
+    steps_per_cycle: int
+    settings: BatchSettings
+    many_lanes: bool = False
+
+
+def compute_chunk(job: ChunkJob) -> ChunkResult:
+    """Run all designs of one chunk in this process."""
+    rows = np.arange(len(next(iter(job.values.values()))))
+    machine = _build_machine(job.machine, job.code)
+    metrics = run_chunk(machine, job.values, Chunk(rows, job.steps_per_cycle, job.many_lanes), job.settings)
+    engine = engine_of_designs(machine, job.values, job.settings.precision, job.many_lanes)
+    return ChunkResult(job.number, metrics, versions(engine), device(engine))
+
+
+@functools.lru_cache(maxsize=8)
+def _build_machine(text: str, code: TrustedCode) -> Rig:
+    return build_config(parse_yaml(text)[0], trust=code).machine
 
 
 def run_sweep(

@@ -1,15 +1,19 @@
-"""Table of a sweep: a row per design with parameters and metrics in SI, and their units in the schema."""
+"""Table of a sweep: a row per design with parameters and metrics in SI, their units in the schema; its summary."""
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 
-from edhas_jax.core.units import display_unit, from_si
+from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
+from edhas_jax.core.units import display_unit, format_result, from_si
 from edhas_jax.machine.interface.metrics import in_order, metrics_of_batch
 from edhas_jax.machine.metrics import METRICS
 from edhas_jax.machine.parameters import find_parameter
@@ -20,6 +24,9 @@ TABLE_FILE = "table.parquet"
 DECLARED = b"metrics"  # in the schema of a table of designs: what is known of each metric of their machine
 TEXT_COLUMNS = ["status", "reason"]  # a few texts many times: read as numbers of a dictionary
 NOT_RUN = "not_run"
+WINDOW = 131_072  # designs: a row group of the table
+# by status of a design what it means
+OUTCOMES = {NOT_RUN: "not run yet"} | {status.name.lower(): REASONS[status] for status in Status}
 CONVERGENCE_COLUMNS = {
     "cycles": "cycles that were run",
     "residual": "larger change of the metrics over the last two cycles",
@@ -117,9 +124,8 @@ def with_results(table: pa.Table, metrics: Mapping[str, np.ndarray]) -> pa.Table
     for name, doc in CONVERGENCE_COLUMNS.items():
         columns.append(_column(name, metrics[name], role="account", unit="-", shown="-", doc=doc))
     codes, place = np.unique(np.nan_to_num(metrics["status"], nan=-1.0).astype(int), return_inverse=True)
-    statuses = [None if code < 0 else Status(code) for code in codes]
-    names = [NOT_RUN if s is None else s.name.lower() for s in statuses]
-    reasons = ["not run yet" if s is None else REASONS[s] for s in statuses]
+    names = [NOT_RUN if code < 0 else Status(code).name.lower() for code in codes]
+    reasons = [OUTCOMES[name] for name in names]
     for name, texts, doc in (("status", names, "outcome of the run"), ("reason", reasons, "why")):
         columns.append(_column(name, pa.array(texts, pa.string()).take(pa.array(place)), pa.string(), doc=doc))
     for field, values in columns:
@@ -133,22 +139,11 @@ def _column(name: str, values, kind: pa.DataType | None = None, **metadata: str)
     return pa.field(name, column.type, metadata={k: v for k, v in metadata.items() if v}), column
 
 
-def to_frame(data: pa.Table, copy: bool = True) -> pd.DataFrame:
-    """An Arrow table as a data frame; without `copy` its numbers may be those of the table, not to be written to."""
-    columns = {name: _numbers_or_texts(data[name]) for name in data.column_names}
-    return pd.DataFrame(columns, copy=copy)
-
-
-def _numbers_or_texts(column: pa.ChunkedArray) -> np.ndarray | pd.Series:
-    if not pa.types.is_dictionary(column.type):
-        return column.to_numpy(zero_copy_only=False)
-    return column.cast(pa.string()).to_pandas()
-
-
 def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | None = None) -> SweepResult:
     """A sweep's Arrow table as a result, with units and meanings from its schema.
 
-    Where `data` has some columns only, `whole` is the schema of all.
+    Where `data` has some columns only, `whole` is the schema of all; the numbers may then be those of `data`, not to be
+    written to.
     """
     schema = data.schema if whole is None else whole
     metadata = {f.name: {k.decode(): v.decode() for k, v in (f.metadata or {}).items()} for f in schema}
@@ -157,4 +152,100 @@ def to_result(data: pa.Table, manifest: Mapping[str, Any], whole: pa.Schema | No
         for n, t in metadata.items()
     }
     parameters, metrics = (tuple(n for n, t in metadata.items() if t.get("role") == r) for r in ("parameter", "metric"))
-    return SweepResult(to_frame(data, copy=whole is None), parameters, metrics, fields, manifest)
+    columns = {
+        name: column.cast(pa.string()).to_pandas() if pa.types.is_dictionary(column.type)
+        else column.to_numpy(zero_copy_only=False)
+        for name, column in zip(data.column_names, data.columns, strict=True)
+    }  # fmt: skip
+    return SweepResult(pd.DataFrame(columns, copy=whole is None), parameters, metrics, fields, manifest)
+
+
+class Window(NamedTuple):
+    """The results of consecutive designs: the first one's row, and by metric the values (SI) of all."""
+
+    first: int
+    metrics: dict[str, np.ndarray]
+
+
+def windows(
+    rows: Sequence[np.ndarray], read: Callable[[int], Mapping[str, np.ndarray]], count: int, size: int | None = None
+) -> Iterator[Window]:
+    """The results of all designs in their order.
+
+    A chunk is read when its first design is reached and forgotten after its last one.
+
+    Args:
+        rows: by chunk the rows of its designs in the table, ascending.
+        read: the results of a chunk, by its number.
+        count: of all designs.
+        size: designs of a window; None: `WINDOW`.
+    """
+    size = size or WINDOW
+    waiting = sorted(range(len(rows)), key=lambda number: -int(rows[number][0]))
+    here: dict[int, Mapping[str, np.ndarray]] = {}
+    for first in range(0, count, size):
+        last = min(first + size, count)
+        while waiting and rows[waiting[-1]][0] < last:
+            number = waiting.pop()
+            here[number] = read(number)
+        metrics: dict[str, np.ndarray] = {}
+        for number, columns in here.items():
+            begin, end = np.searchsorted(rows[number], (first, last))
+            for name, column in columns.items():
+                target = metrics.setdefault(name, np.full(last - first, np.nan))
+                target[rows[number][begin:end] - first] = column[begin:end]
+        here = {number: columns for number, columns in here.items() if rows[number][-1] >= last}
+        yield Window(first, metrics)
+
+
+def write_table(designs: pa.Table, parts: Iterable[Window], file: Path) -> None:
+    """Write the table of a sweep.
+
+    Args:
+        designs: the designs, a row each.
+        parts: their results, as `windows` gives them.
+        file: to be written.
+    """
+    writer = None
+    try:
+        for first, metrics in parts:
+            part = with_results(designs.slice(first, len(metrics["status"])), metrics)
+            writer = writer or pq.ParquetWriter(file, part.schema)
+            writer.write_table(part, row_group_size=WINDOW)
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def summary_of_parts(parts: Iterable[SweepResult]) -> Summary:
+    """The summary of a result that comes in parts; one part is in memory at a time."""
+    statuses: Counter[tuple[str, str]] = Counter()
+    ends, part, total = [], None, 0
+    for part in parts:
+        total += len(part.frame)
+        statuses.update(part.frame.groupby(["status", "reason"], sort=False).size().to_dict())
+        numbers = part.frame[[*part.parameters, *part.metrics]].astype(float)
+        ends.append(numbers.where(np.isfinite(numbers)).agg(["min", "max"]))
+    if part is None:
+        raise ValueError("a sweep without designs")
+    low, high = (found := pd.concat(ends)).min(), found.max()
+    tones = {"ok": Tone.GOOD, NOT_RUN: Tone.CAUTION}
+    counts = [(status, int(n), reason) for (status, reason), n in statuses.items()]
+    rows = [(Toned(s, tones.get(s, Tone.BAD)), f"{n:,}", reason) for s, n, reason in counts]
+    records = [{"status": s, "designs": n, "meaning": reason} for s, n, reason in counts]
+    ranges = [
+        {"name": name, "role": role, "from": low[name], "to": high[name], "unit": part.fields[name][0]}
+        for role, names in (("parameter", part.parameters), ("metric", part.metrics))
+        for name in names
+        if np.isfinite(low[name])
+    ]
+    texts = []
+    for r in ranges:
+        about = part.fields[r["name"]]
+        ends = (format_result(float(r[end]), about.unit, about.shown) for end in ("from", "to"))
+        texts.append((r["name"], r["role"], *ends))
+    title = f"{part.manifest.get('name') or 'sweep'}: {total:,} designs of {', '.join(part.parameters)}"
+    return Summary(title, (
+        SummaryTable.of("statuses", ("status", "designs", "meaning"), rows, records),
+        SummaryTable.of("ranges", ("name", "", "from", "to"), texts, ranges),
+    ))  # fmt: skip

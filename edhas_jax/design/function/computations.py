@@ -1,16 +1,55 @@
-"""Signals at given times and their derivatives, as a computation of the host for a `HostFunction`."""
+"""What a `HostFunction` computes for a model: metrics of the periodic state, and signals at given times."""
 
 import math
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from edhas_jax.design.function.host_function import Outcome
+from edhas_jax.design.gradient.fixed_point import GradientSettings, periodic_state, status_of
+from edhas_jax.design.gradient.forward import MOST_TANGENTS, forward
+from edhas_jax.design.gradient.reverse import reverse
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.batch_trajectories import simulate_batch
+from edhas_jax.simulation.validity import Status
 
 GRID_TOLERANCE = 1e-6  # of the interval, by which times may miss a grid and still count as on it
 MOST_NUMBERS = 16_000_000  # that are held at a time; more runs than that are divided into parts
+
+
+def has_value(status: np.ndarray) -> np.ndarray:
+    """Where the metrics are those of a periodic state within the model's validity."""
+    return np.isin(status, [s for s in Status if s.is_valid and s is not Status.NOT_PERIODIC])
+
+
+class PeriodicMetrics:
+    """Computes metrics, and their derivatives by some parameters, of many designs at once.
+
+    NaN stands where there is no number: values as `has_value` says, derivatives also of a machine that stalls.
+    """
+
+    def __init__(self, machine: Rig, metrics: tuple[str, ...], settings: GradientSettings):
+        self._machine = jax.tree.map(lambda leaf: np.asarray(leaf, float), machine)
+        self._metrics, self._settings = metrics, settings
+
+    def __call__(self, columns: dict[str, np.ndarray], fixed: None, active: tuple[str, ...]) -> Outcome:
+        """See `host_function.Compute`."""
+        state = periodic_state(self._machine, columns, self._settings)
+        status = status_of(self._machine, columns, state, self._settings, True)
+        values = {n: np.where(has_value(status), state.metrics[n], np.nan) for n in self._metrics}
+        if not active:
+            return Outcome(values, {})
+        # forward mode carries a group of parameters at a time, reverse mode a metric: the fewer passes, the cheaper
+        mode = forward if len(self._metrics) * MOST_TANGENTS >= len(active) else reverse
+        found = mode(self._machine, columns, active, self._metrics, self._settings, state=state)
+        exists = (has_value(found.status) & (found.status != Status.STALLED))[:, None]
+        return Outcome(values, {n: np.where(exists, found.slopes[n], np.nan) for n in self._metrics})
+
+    def status(self, columns: dict[str, np.ndarray]) -> np.ndarray:
+        """The status (designs,) of each design, an integer of `Status`."""
+        state = periodic_state(self._machine, columns, self._settings)
+        return status_of(self._machine, columns, state, self._settings, True)
 
 
 class Grid(NamedTuple):
