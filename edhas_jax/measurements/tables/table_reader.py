@@ -4,17 +4,26 @@ Nothing is repaired: unreadable lines are left out, unreadable numbers are NaN, 
 cannot be read says why (`Column.fault`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from edhas_jax.core.regular_file import FileKindError, require_regular_file
 from edhas_jax.measurements.campaign import Remark, Severity
-from edhas_jax.measurements.tables.binary_tables import read_excel_tables, read_mat_tables, read_parquet_tables
-from edhas_jax.measurements.tables.channel_files import read_hdf5_tables, read_mdf_tables, read_tdms_tables
-from edhas_jax.measurements.tables.table import MAX_BYTES, Layout, Report, Table, TableError, joined
+from edhas_jax.measurements.tables.binary_tables import (
+    read_excel_tables,
+    read_hdf5_tables,
+    read_mat_tables,
+    read_mdf_tables,
+    read_parquet_tables,
+    read_tdms_tables,
+)
+from edhas_jax.measurements.tables.table import MAX_BYTES, TIME, Column, Layout, Report, Table, TableError
 from edhas_jax.measurements.tables.text_table import read_text_tables
 
 MIN_SAMPLES = 2  # of a table; a single value is a setting of the logger
+MAX_NAMES = 8  # columns that a message names
 # first bytes of a file, and its reader, or what to do with it
 FORMATS: tuple[tuple[bytes, Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
     (b"PAR1", read_parquet_tables),
@@ -70,7 +79,44 @@ def read_table(path: Path, remark: Callable[[Remark], None], layout: Layout = La
 
     Args, returns and raises as of `read_tables`.
     """
-    return joined(read_tables(path, remark, layout), _report(path, remark))
+    return _joined(read_tables(path, remark, layout), _report(path, remark))
+
+
+def _joined(tables: Sequence[Table], report: Report) -> Table:
+    """All tables that have as many samples as most columns, and the same time stamps, as one.
+
+    A name that several of them have is `group/name`, unless the columns are the same.
+
+    Args:
+        tables: at least one table.
+        report: called for what is left out.
+    """
+    if len(tables) == 1:
+        return tables[0]
+    counts = [len(table.lines) for table in tables for _ in table.columns]
+    count = max(counts, key=counts.count, default=0)
+    alike = [table for table in tables if len(table.lines) == count]
+    main = max(alike, key=lambda table: len(table.columns))
+    columns: dict[str, Column] = {}
+    for table in tables:
+        own = [f"`{name}`" for name in table.columns if name != TIME]
+        names, (verb, it) = ", ".join(own[:MAX_NAMES]), ("has", "it is") if len(own) == 1 else ("have", "they are")
+        if len(table.lines) != count:
+            report(0, f"{names} {verb} {len(table.lines)} samples where others have {count}; {it} left out")
+            continue
+        if not _same(main.columns.get(TIME), table.columns.get(TIME)):
+            report(0, f"{names} {verb} other time stamps than most channels; {it} left out")
+            continue
+        for name, column in table.columns.items():
+            others = [other.columns[name] for other in alike if other is not table and name in other.columns]
+            own = name if all(_same(column, other) for other in others) else f"{table.name}/{name}"
+            columns.setdefault(own, column)
+    return Table(columns, main.lines)
+
+
+def _same(one: Column | None, other: Column | None) -> bool:
+    """Whether two columns are equal, or one is absent."""
+    return one is None or other is None or np.array_equal(one.values, other.values, equal_nan=True)
 
 
 def _report(path: Path, remark: Callable[[Remark], None]) -> Report:
