@@ -223,7 +223,8 @@ def _read_labview(lines: Sequence[str], layout: Layout, report: Report) -> list[
         body = [lines[k].rstrip(delimiter) if lines[k].count(delimiter) >= width else lines[k] for k in own]
         # X values occur several times; comments are not read
         unique = [("" if name == COMMENT and at == width - 1 else f"{at} {name}", "") for at, name in enumerate(names)]
-        values = _read_lines(body, [k + 1 for k in own], unique, end + 2, delimiter, decimal[0], True, report, width - 1)
+        own_lines = [k + 1 for k in own]
+        values = _read_lines(body, own_lines, unique, end + 2, delimiter, decimal[0], True, report, width - 1)
         segments.append(_segment(names, header, values))
         stamps.append(" ".join(header.get(key, [""])[0] for key in ("Date", "Time")))
     if not segments:
