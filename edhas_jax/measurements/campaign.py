@@ -17,6 +17,9 @@ from edhas_jax.machine.parameters import ParameterError, find_parameter, get_par
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import OFFSET_OVER_RANGE, BenchAccuracy, with_defaults
 
+MAX_LINES = 10
+MAX_FILES = 3  # that are named beside the first one
+
 
 class CampaignError(ValueError):
     """A campaign cannot be used; the text has one line per problem."""
@@ -299,3 +302,34 @@ def has_parameter(machine: Rig, name: str) -> bool:
     except ParameterError:
         return False
     return True
+
+
+def brief_lines(remarks: Iterable[Remark]) -> list[str]:
+    """At most `MAX_LINES` lines of text.
+
+    Args:
+        remarks: the remarks on the files of a campaign.
+
+    Returns:
+        Errors first, then warnings, then notes; the last line says how many more there are and where to find them.
+    """
+    together: dict[tuple[Severity, str], list[Remark]] = {}
+    for remark in remarks:
+        together.setdefault((remark.severity, remark.sentence), []).append(remark)
+    order = list(Severity)
+    groups = sorted(together.values(), key=lambda group: order.index(group[0].severity))
+    shown = groups if len(groups) <= MAX_LINES else groups[: MAX_LINES - 1]
+    lines = [_line(group) for group in shown]
+    if len(shown) < len(groups):
+        lines.append(f"and {len(groups) - len(shown)} more remarks; `edhas campaign check` lists all")
+    return lines
+
+
+def _line(group: list[Remark]) -> str:
+    """A remark, and the other files that it applies to."""
+    first = group[0]
+    files = list(dict.fromkeys(remark.file.name for remark in group if remark.file != first.file))
+    if not files:
+        return str(first)
+    more = f" and {len(files) - MAX_FILES} more" if len(files) > MAX_FILES else ""
+    return f"{first} (also {', '.join(files[:MAX_FILES])}{more})"

@@ -23,10 +23,9 @@ from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.interface.signals import SIGNALS, Signal
 from edhas_jax.machine.parameters import find_parameter, get_parameter, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.accuracy import BenchAccuracy
-from edhas_jax.measurements.accuracy_reader import read_accuracy
+from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock, SensorAccuracy
 from edhas_jax.measurements.campaign import CampaignError, Channel, Remark, Severity, Spread, has_parameter
-from edhas_jax.measurements.campaign_keys import DRIVE_COLUMN, FILE, campaign_keys
+from edhas_jax.measurements.campaign_keys import CLOCK, DRIVE_COLUMN, FILE, campaign_keys, sensor_keys
 from edhas_jax.measurements.record_timing import RecordTiming, running_before
 from edhas_jax.measurements.run_reader import ColumnSource, RecordFile, RunEntry, TimeSource
 from edhas_jax.measurements.tables.table import Layout
@@ -79,9 +78,7 @@ class CampaignDescription:
         if self.machine is not None:
             self._read_uncertain(values["uncertain"])
             self._read_signals(values["signals"])
-            self.accuracy = read_accuracy(
-                top["accuracy"], values["accuracy"], self.channels, self.machine.signals, self._find, self.recorded
-            )
+            self.accuracy = self._read_accuracy(top["accuracy"], values["accuracy"])
             self._in_all = self._read_keep(top["keep"])
             for entry, row in zip(top["runs"].list(), values["runs"] or (), strict=False):
                 self._read_run(entry, row)
@@ -201,6 +198,39 @@ class CampaignDescription:
             entry.add(f"`all` or a list of signals ({', '.join(self.channels)}) belongs here; got {names}")
             return frozenset()
         return frozenset(names)
+
+    def _read_accuracy(self, section: Entry, values: Values) -> BenchAccuracy:
+        """The section `accuracy`, completed by what only the campaign knows."""
+        entries = section["settings"].mapping("").values()
+        settings = {name: values["settings"][e.key[-1]] for e, _, name in by_parameter(entries, self._find)}
+        sensors: dict[str, SensorAccuracy] = {}
+        for name, entry in values["signals"].items():
+            if name not in self.channels:
+                entry.add(f"is not measured in this campaign; {suggest(str(name), self.channels)}")
+                continue
+            keys = sensor_keys(self.machine.signals[name].unit, f"0.1 {self.channels[name].unit}")
+            sensors[name] = SensorAccuracy(**keys.read(entry))
+        clocks = self._read_clocks(section["clocks"], values["clocks"])
+        return BenchAccuracy(
+            values["trigger"], values["recorder_filter"], settings, sensors, clocks, values["clock_error"]
+        )
+
+    def _read_clocks(self, section: Entry, clocks: Mapping[str, Values]) -> dict[str, RecorderClock]:
+        """Further recorders, `motor: {channels: [speed, current], shift: 0.2 s}`."""
+        found, taken, recorded = {}, set(), (*self.channels, *self.recorded)
+        for name, values in clocks.items():
+            entry, names = section[name], values["channels"]
+            if not names or "shift" not in entry:
+                entry.add(f"channels and shift belong here, for example {CLOCK.example}")
+                continue
+            for channel in names:
+                if channel not in recorded:
+                    entry["channels"].add(f"{channel} is not recorded; {suggest(str(channel), recorded)}")
+                elif channel in taken:
+                    entry["channels"].add(f"{channel} has two clocks")
+                taken.add(channel)
+            found[str(name)] = RecorderClock(tuple(names), values["shift"])
+        return found
 
     def _read_run(self, entry: Entry, values: Values) -> None:
         """Read an entry under `runs`; one without problems is added to the entries."""

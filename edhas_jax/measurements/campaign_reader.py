@@ -5,11 +5,10 @@ from pathlib import Path
 
 from edhas_jax.core import structs
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.measurements.campaign import Campaign, CampaignError, Remark, Severity
+from edhas_jax.measurements.campaign import Campaign, CampaignError, Remark, Severity, brief_lines
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, read_description
-from edhas_jax.measurements.checks.limit_checks import limits_remarks
+from edhas_jax.measurements.checks.unit_checks import limits_remarks
 from edhas_jax.measurements.fitted_model import results_beside
-from edhas_jax.measurements.remark_list import brief_lines
 from edhas_jax.measurements.run_reader import RunReader
 
 OF_RUNS = "of_runs"  # key of a result: by run and parameter, what was estimated of the run alone

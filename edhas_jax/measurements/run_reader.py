@@ -15,7 +15,7 @@ from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Spread, Use
-from edhas_jax.measurements.checks.signal_checks import true_intervals
+from edhas_jax.measurements.checks.repeated_values import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming, TimingError
 from edhas_jax.measurements.tables.table import Column, Layout, Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_tables

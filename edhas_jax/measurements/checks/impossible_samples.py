@@ -6,14 +6,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
+from edhas_jax.machine.components.controllers import Supply
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Remark, Removal, Severity
-from edhas_jax.measurements.checks.held_values import find_held_values
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
 from edhas_jax.measurements.checks.outlier_search import Record, find_excursions, find_outliers
-from edhas_jax.measurements.checks.signal_checks import (
+from edhas_jax.measurements.checks.repeated_values import (
+    find_held_values,
     is_clipped_at,
-    is_sensor_limit,
-    is_supply_limit,
     stuck_intervals,
     true_intervals,
 )
@@ -110,7 +109,7 @@ def find_impossible_samples(
     low, high = np.nanmin(values), np.nanmax(values)
     limits = [v for v in (low, high) if low < high and is_clipped_at(values, v)]
     for limit in limits:
-        if is_sensor_limit(campaign, name, limit) or name == "voltage" and is_supply_limit(campaign, run, limit):
+        if _is_sensor_limit(campaign, name, limit) or name == "voltage" and _is_supply_limit(campaign, run, limit):
             continue
         beyond = "below" if limit == low else "above"
         text = format_quantity(limit, unit)
@@ -120,7 +119,7 @@ def find_impossible_samples(
     stuck = [
         (first, last)
         for first, last in stuck
-        if values[first] not in limits and not is_sensor_limit(campaign, name, values[first])
+        if values[first] not in limits and not _is_sensor_limit(campaign, name, values[first])
     ]
     for first, last in stuck:
         mask = np.zeros(len(values), bool)
@@ -160,6 +159,18 @@ def removal_of(run: BenchRun, name: str, mask: np.ndarray) -> Removal:
     """How many samples (mask) of a signal are left out."""
     count = int(np.count_nonzero(mask))
     return Removal(run.name, name, count, count / len(mask))
+
+
+def _is_sensor_limit(campaign: Campaign, name: str, value: float) -> bool:
+    """Whether a value is an end of the range that the campaign states for the sensor."""
+    limits = [limit for limit in campaign.channels[name].limits if np.isfinite(limit)]
+    return any(abs(value - limit) <= 1e-6 * abs(limit) + 1e-12 for limit in limits)
+
+
+def _is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
+    """Whether a command stands at the supply voltage, where the controller itself limits it."""
+    supply = getattr(campaign.machine_of(run), "supply", None)
+    return isinstance(supply, Supply) and abs(abs(value) / float(supply.supply_voltage) - 1.0) < 0.01
 
 
 def _others_move(campaign: Campaign, run: BenchRun, name: str, mask: np.ndarray) -> bool:

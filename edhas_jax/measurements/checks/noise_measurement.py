@@ -15,7 +15,7 @@ A fit refutes a noise that is larger than all that it leaves of the signal (`wit
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,7 +39,6 @@ from edhas_jax.measurements.checks.noise_records import (
     polynomial_gain,
     without_signal,
 )
-from edhas_jax.measurements.checks.recorder_resolution import recorder_resolution
 
 MAX_NOISE_DEVIATION = 0.2  # relative; a measured noise that deviates more is said
 MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS = 0.05, 5.0  # a measured noise that deviates by more than both is used
@@ -53,6 +52,10 @@ MIN_WHITE_RATIO, MAX_WHITE_RATIO = 0.7, 1.12  # mean square of slow over fast de
 WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
 STANDARD_ERROR_LAGS = 200  # sample intervals of correlation that count in the standard error of a measured noise
 FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
+MIN_VALUES = 8  # different values of a record; fewer do not show a regular step
+SMALLEST_GAPS = 0.5  # share of the gaps between neighbouring values, the smallest, that are mostly one step
+MAX_MISS = 0.1  # of a value from a whole number of steps, in steps
+MIN_SHARE_ON_STEPS = 0.95  # of the values
 
 
 class MeasuredNoise(NamedTuple):
@@ -298,3 +301,37 @@ def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
         }
         for name, channel in campaign.channels.items()
     }  # fmt: skip
+
+
+def recorder_resolution(records: Iterable[np.ndarray]) -> float:
+    """The step between neighbouring values of a recorder.
+
+    Args:
+        records: the values of a signal (samples,) in each run (SI).
+
+    Returns:
+        The largest step of any run (SI); 0 if the values are continuous, or the step is too fine to be seen.
+    """
+    return max((_step(values[np.isfinite(values)]) for values in records), default=0.0)
+
+
+def _step(values: np.ndarray) -> float:
+    levels = np.unique(values)
+    if len(levels) < MIN_VALUES:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.median(np.sort(gaps)[: max(1, int(SMALLEST_GAPS * len(gaps)))]))
+    # from gap to gap first: over the whole range the error of one gap would add up
+    steps, used = np.concatenate([[0.0], np.cumsum(np.round(gaps / step))]), np.ones(len(levels), bool)
+    for _ in range(2):
+        if np.ptp(steps[used]) == 0.0:
+            return 0.0
+        step, first = (float(c) for c in np.polyfit(steps[used], levels[used], 1))
+        if not step > 0.0:
+            return 0.0
+        steps = np.round((levels - first) / step)
+        misses = np.abs((levels - first) / step - steps)
+        used = misses < MAX_MISS
+        if used.mean() < MIN_SHARE_ON_STEPS:
+            return 0.0
+    return step
