@@ -104,8 +104,7 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
     Raises:
         ResultFileError: the folder of `--out` exists and is not that of an unfinished diagnosis.
     """
-    from edhas_jax.config.result_files import holds_nothing
-    from edhas_jax.config.run_folder import require_new_folder
+    from edhas_jax.config.result_files import holds_nothing, require_new
     from edhas_jax.diagnosis.search.checkpoint import CHECKPOINT_FOLDER, stored_identity
 
     if options.out:
@@ -124,7 +123,7 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
                 f"{changed} changed."
             )
     if unfinished.get(folder) is None and not holds_nothing(folder):
-        require_new_folder(folder, options.overwrite)
+        require_new(folder, options.overwrite)
     return folder, sentences
 
 

@@ -48,24 +48,18 @@ def run(options) -> None:
         out.print(f"next: edhas campaign check {quoted(folder)}{more}", soft_wrap=True)
         return
     if options.kind == "rig":
-        from edhas_jax.config.rig_template import write_rig_template
+        from edhas_jax.config.templates import write_rig_template
 
         file, configuration, name = write_rig_template(options.path or Path("my_rig.py"), options.overwrite)
         out.print(f"written: {file}, {configuration}", soft_wrap=True)
         out.print(f"next: edhas check {quoted(file)}:{name}", soft_wrap=True)
         return
-    if options.kind in TASKS:
-        from edhas_jax.config.task_template import write_task_template
+    from edhas_jax.config.templates import write_beginning
 
-        path = write_task_template(options.kind, options.path or Path(f"my_{options.kind}.yaml"), options.overwrite)
-        out.print(f"written: {path}", soft_wrap=True)
-        out.print(f"next: edhas {options.kind} {quoted(path)}", soft_wrap=True)
-        return
-    from edhas_jax.config.machine_template import write_machine_template
-
-    path = write_machine_template(options.kind, options.path or Path(f"my_{options.kind}.yaml"), options.overwrite)
+    path = write_beginning(options.kind, options.path or Path(f"my_{options.kind}.yaml"), options.overwrite)
     out.print(f"written: {path}", soft_wrap=True)
-    out.print(f"next: edhas simulate {quoted(path)}", soft_wrap=True)
+    command = options.kind if options.kind in TASKS else "simulate"
+    out.print(f"next: edhas {command} {quoted(path)}", soft_wrap=True)
 
 
 def _spec_within(folder: Path, spec: str) -> str:

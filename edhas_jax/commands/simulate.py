@@ -29,13 +29,13 @@ def run(options) -> int:
         The exit status: 0, or 3 if the result is not valid.
     """
     from edhas_jax.config.machine_config import read_config
-    from edhas_jax.config.run_folder import require_new_folder
+    from edhas_jax.config.result_files import require_new
     from edhas_jax.tasks.simulate import simulate
 
     config = read_config(options.config, options.overrides, arguments.own_code(options))
     arguments.require_own_code(options, config.machine)
     folder = arguments.output_folder(options, "runs", options.config.stem)
-    require_new_folder(folder, options.overwrite)
+    require_new(folder, options.overwrite)
     out = console(options)
     began = time.perf_counter()
     with WorkProgress(options, "compiling and simulating") as progress:

@@ -9,8 +9,7 @@ import numpy as np
 from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
 from edhas_jax.config.declared_keys import quantity
 from edhas_jax.config.document import Entry
-from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law_file
-from edhas_jax.config.law_reader import read_law
+from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law, read_law_file
 from edhas_jax.config.machine_checks import check_machine
 from edhas_jax.config.machine_keys import SHORT_NAMES, machine_keys
 from edhas_jax.config.recorded_signal import RECORDING, RecordingError, decode_samples, read_recording

@@ -55,16 +55,6 @@ def named_folder(parent: Path, name: str) -> Path:
     return parent / file_name(name)
 
 
-def require_new_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse a folder that exists, unless it may be overwritten; call it before a long computation.
-
-    Raises:
-        ResultFileError: the folder exists and `overwrite` is false.
-    """
-    if folder.exists() and not overwrite:
-        raise ResultFileError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
-
-
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:
     """Write a run folder: signals, ledger, metrics, configuration, manifest and figure.
 
@@ -84,7 +74,6 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
         ResultFileError: the folder exists and `overwrite` is false, or is not a run folder, or cannot be written.
     """
     folder = Path(folder)
-    require_new_folder(folder, overwrite)
     replaced = ResultFiles(folder, overwrite, RUN_FILES)
     if folder.exists() and not (folder / MANIFEST_FILE).exists():
         raise ResultFileError(f"{folder}: is not a run folder, so it is not overwritten")
