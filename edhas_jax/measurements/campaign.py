@@ -12,6 +12,7 @@ import numpy as np
 
 from edhas_jax.core.structs import replace
 from edhas_jax.core.units import exact_quantity, format_quantity
+from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
@@ -177,6 +178,14 @@ class BenchRun:
         """Number of samples of all signals that are not missing."""
         return sum(int(np.isfinite(values).sum()) for values in self.signals.values())
 
+    def remark(self, severity: Severity, sentence: str, sample: int | None = None) -> Remark:
+        """A remark on the file of the run, with the line of a sample."""
+        return Remark(severity, self.file, 0 if sample is None else int(self.lines[sample]), sentence)
+
+    def warning(self, sentence: str, sample: int | None = None) -> Remark:
+        """A warning on the file of the run, with the line of a sample."""
+        return self.remark(Severity.WARNING, sentence, sample)
+
     def __repr__(self) -> str:
         size = f"{len(self.time):,} samples in {format_quantity(self.time[-1] - self.time[0], 's')}"
         return f"<BenchRun: {self.name}, {self.use.value}, {size}; {', '.join(self.signals)}>"
@@ -286,8 +295,7 @@ class Campaign:
 
 def runs_text(runs: Iterable[BenchRun]) -> str:
     """The number of runs in words, "1 run" or "3 runs"; the parts of one that was divided count as one."""
-    count = count_runs(runs)
-    return f"{count} run{'s' * (count != 1)}"
+    return counted(count_runs(runs), "run")
 
 
 def count_runs(runs: Iterable[BenchRun]) -> int:
@@ -329,7 +337,4 @@ def _line(group: list[Remark]) -> str:
     """A remark, and the other files that it applies to."""
     first = group[0]
     files = list(dict.fromkeys(remark.file.name for remark in group if remark.file != first.file))
-    if not files:
-        return str(first)
-    more = f" and {len(files) - MAX_FILES} more" if len(files) > MAX_FILES else ""
-    return f"{first} (also {', '.join(files[:MAX_FILES])}{more})"
+    return f"{first} (also {listed(files, MAX_FILES)})" if files else str(first)

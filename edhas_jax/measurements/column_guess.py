@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.core.units import is_unit_of, to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.tables.table import Column, Table
 
@@ -145,10 +145,4 @@ def _states(column: Column, signal: str) -> bool:
 
 def _fits(column: Column, unit: str) -> bool:
     """Whether a column can be a quantity of this unit: it states a unit that can be converted, or none."""
-    if not column.unit:
-        return True
-    try:
-        to_si(f"1 {column.unit}", unit)
-    except UnitError:
-        return False
-    return True
+    return not column.unit or is_unit_of(column.unit, unit)

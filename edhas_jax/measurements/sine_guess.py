@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.core.units import difference_to_si, to_si
+from edhas_jax.core.units import values_to_si
 from edhas_jax.machine.interface.signals import SIGNALS
 from edhas_jax.measurements.column_guess import GuessedColumn, Role
 from edhas_jax.measurements.tables.table import Table
@@ -71,8 +71,7 @@ def _in_si(table: Table, column: GuessedColumn, unit: str) -> np.ndarray:
     Raises:
         UnitError: its unit is unknown, or that of another quantity.
     """
-    zero, size = to_si(f"0 {column.unit}", unit), difference_to_si(f"1 {column.unit}", unit)
-    return zero + size * table.columns[column.column].values
+    return values_to_si(table.columns[column.column].values, column.unit, unit)
 
 
 def _sine_in(time: np.ndarray, values: np.ndarray) -> tuple[float, float, float] | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
 from edhas_jax.measurements.sensor_models import SensorLag
 
 MIN_SHIFT = 1e-3  # s; a wrong parameter can cause smaller shifts
@@ -62,11 +62,11 @@ class DelayCheck:
             delay = _delay_text(self._median_delay[name])
             for run in list(self._runs.values())[:1]:
                 sentence = f"{name} is {delay} against the model in every run, and no other signal is"
-                yield _warning(run, f"{sentence}; was it recorded separately, or does its sensor delay it?")
+                yield run.warning(f"{sentence}; was it recorded separately, or does its sensor delay it?")
         for run in self._runs.values():
             names = [name for other, name in self._shifts if other == run.name]
             if min((self._shifts[run.name, name].difference for name in names), default=0.0) > MAX_SHAPE_DIFFERENCE:
-                yield _warning(run, "no signal looks like the model's; was the run made under these conditions?")
+                yield run.warning("no signal looks like the model's; was the run made under these conditions?")
                 continue
             excess = {n: self._excess_delay(run, n) for n in names if n not in everywhere}
             delays = list(excess.values())
@@ -74,11 +74,11 @@ class DelayCheck:
             same_sign = len(delays) > 1 and shifted and min(delays) * max(delays) > 0
             if same_sign and _relative_range(delays) < MAX_COMMON_SPREAD:
                 delay = _delay_text(float(np.median(delays)))
-                yield _warning(run, f"all signals are {delay} against the set point; does its time start with the run?")
+                yield run.warning(f"all signals are {delay} against the set point; does its time start with the run?")
                 continue
             for name in shifted:
                 if not any(_shares(excess[other], excess[name]) for other in excess if other != name):
-                    yield _warning(run, f"{name} is {_delay_text(excess[name])} against the other signals of this run")
+                    yield run.warning(f"{name} is {_delay_text(excess[name])} against the other signals of this run")
 
     def _best_shift(self, campaign: Campaign, run: BenchRun, name: str) -> Shift:
         cycle = campaign.machine_of(run).cycle
@@ -146,10 +146,6 @@ class DelayCheck:
 @runtime.jit
 def _lagged(lag, time, values):
     return SensorLag(lag_time=lag).record(time, values)
-
-
-def _warning(run: BenchRun, sentence: str) -> Remark:
-    return Remark(Severity.WARNING, run.file, 0, sentence)
 
 
 def _delay_text(delay: float) -> str:

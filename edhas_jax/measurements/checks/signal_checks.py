@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from edhas_jax.core.units import to_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.core.units import difference_to_si
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
 from edhas_jax.measurements.checks.noise_records import fast_noise
 from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
 
@@ -48,18 +48,12 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str, ratios: Mapping[
     if excess > excess_limit and not (is_noisier and same_in_others):
         shares = f"{excess / strength:.0%} of the signal, {excess / channel.noise:.1f} times the noise"
         sentence = "sampled too slowly for its content, or noisier than in other runs: samples deviate from the"
-        yield _warning(run, name, 0, f"{sentence} interpolation between their neighbours by {shares}")
+        yield run.warning(f"{name}: {sentence} interpolation between their neighbours by {shares}", 0)
     elif is_noisier:
-        unit_size = to_si(f"1 {channel.unit}", unit) - to_si(f"0 {channel.unit}", unit)
-        found, stated = (
-            f"{noise / unit_size:.3g} {channel.unit}" for noise in (ratio * channel.noise, channel.noise)
-        )  # fmt: skip
+        size = difference_to_si(f"1 {channel.unit}", unit)
+        found, stated = (f"{noise / size:.3g} {channel.unit}" for noise in (ratio * channel.noise, channel.noise))
         sentence = f"its noise is {found}, {ratio:.1f} times the {stated} of this signal"
-        yield _warning(run, name, 0, sentence)
-
-
-def _warning(run: BenchRun, name: str, sample: int, sentence: str) -> Remark:
-    return Remark(Severity.WARNING, run.file, int(run.lines[sample]), f"{name}: {sentence}")
+        yield run.warning(f"{name}: {sentence}", 0)
 
 
 def noise_ratios(campaign: Campaign, name: str) -> dict[str, float]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from edhas_jax.core.units import format_quantity, to_si
+from edhas_jax.core.units import difference_to_si, format_quantity
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.unknown_parameters import ParameterScale, uncertain_unknowns
 
@@ -57,14 +57,13 @@ def check_units(
     if max(factor, 1.0 / factor) < MIN_FACTOR:
         if unit == "Pa" and _is_gauge(run.signals[name], models[run.name][name]):
             offset = format_quantity(ATMOSPHERE, "Pa")
-            yield warn(
-                f"reads {offset} below the model from the start; is it a gauge pressure? Pressures must be absolute"
-            )
+            question = "is it a gauge pressure? Pressures must be absolute"
+            yield warn(f"reads {offset} below the model from the start; {question}")
         return
     if abs(math.log(factor)) < MAX_PRIOR_DISTANCE * _spread(campaign):
         return
-    size = unit_size(stated, unit)
-    ratios = {other: size / unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
+    size = difference_to_si(f"1 {stated}", unit)
+    ratios = {other: size / difference_to_si(f"1 {other}", unit) for other in COMMON_UNITS.get(unit, ())}
     candidates = [o for o, ratio in ratios.items() if _ratio_of(factor, ratio) < UNIT_TOLERANCE and o != stated]
     actual = min(candidates, key=lambda other: _ratio_of(factor, ratios[other]), default=None)
     ratio = 10.0 ** round(np.log10(factor)) if actual is None else ratios[actual]
@@ -108,11 +107,6 @@ def _spread(campaign: Campaign) -> float:
     return math.hypot(*spreads)
 
 
-def unit_size(unit: str, si: str) -> float:
-    """The size of a unit, without its zero, in an SI unit of the same dimension."""
-    return to_si(f"1 {unit}", si) - to_si(f"0 {unit}", si)
-
-
 def _ratio_of(a: float, b: float) -> float:
     """The larger of two positive numbers over the smaller."""
     return max(a / b, b / a) if a > 0.0 else np.inf
@@ -127,7 +121,7 @@ def limits_remarks(campaign: Campaign) -> Iterator[Remark]:
         if not share > LARGEST_SHARE_BEYOND:
             continue
         about = campaign.machine.signals[name]
-        sizes = {unit: unit_size(unit, about.unit) for unit in COMMON_UNITS.get(about.unit, ())}
+        sizes = {unit: difference_to_si(f"1 {unit}", about.unit) for unit in COMMON_UNITS.get(about.unit, ())}
         fitting = [u for u, size in sizes.items() if low * size <= values.min() and values.max() <= high * size]
         unit = min(fitting, key=sizes.__getitem__, default=None)
         asked = f"are they in {unit}?" if unit else "are they those of this sensor?"

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.core.units import is_unit_of
 from edhas_jax.measurements.tables.table import Column, Report, TableError, names_and_units
 
 Cell = str | float | datetime.datetime | datetime.time | datetime.timedelta | None
@@ -308,17 +308,11 @@ def _padded(cells: Sequence[Cell], width: int) -> list[str]:
 def _are_units(cells: Sequence[str], width: int) -> bool:
     """Whether most cells of a row hold units, bare or in brackets."""
     texts = [text for cell in cells if (text := cell.strip("[]() "))]
-    return len(cells) == width and 2 * sum(text in ("-", "%") or _is_unit(text) for text in texts) > len(texts)
+    return len(cells) == width and 2 * sum(map(_is_unit, texts)) > len(texts)
 
 
 def _is_unit(text: str) -> bool:
-    for unit in MEASURED_UNITS:
-        try:
-            to_si(f"1 {text}", unit)
-        except UnitError:
-            continue
-        return True
-    return False
+    return text in ("-", "%") or any(is_unit_of(text, unit) for unit in MEASURED_UNITS)
 
 
 def _is_numeric(cells: Sequence[Cell]) -> bool:
