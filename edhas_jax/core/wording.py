@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 def counted(count: int, thing: str) -> str:
     """A number of things: "1 sample", "3 samples"."""
-    return f"{count} {thing}{'s' * (count != 1)}"
+    return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
 def listed(texts: Sequence[str], most: int) -> str:
