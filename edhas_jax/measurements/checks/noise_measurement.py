@@ -23,11 +23,7 @@ import numpy as np
 from edhas_jax.core.units import from_si
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
-from edhas_jax.measurements.checks.noise_correlation import (
-    Autocovariance,
-    autocorrelation_of,
-    autoregression,
-)
+from edhas_jax.measurements.checks.noise_correlation import Autocovariance, autocorrelation_of, autoregression
 from edhas_jax.measurements.checks.noise_records import (
     FAST_HALF_WIDTH,
     SLOW_HALF_WIDTH,
@@ -262,27 +258,21 @@ def noise_sentence(campaign: Campaign) -> str | None:
         stated, measured, fitted = channel.stated_noise, channel.measured_noise, channel.fitted_noise
         unit = campaign.machine.signals[name].unit
         size = from_si(1.0, unit, channel.unit) - from_si(0.0, unit, channel.unit)
+        levels = ((level, word) for level, word in ((stated, "stated"), (measured, "measured")) if level)
+        told = ", ".join(f"{size * level:.3g} {channel.unit} {word}" for level, word in levels)
         if fitted is not None:
-            levels = ((stated, "stated"), (measured, "measured"))
-            told = [f"{size * level:.3g} {channel.unit} {word}" for level, word in levels if level]
-            refuted.append(f"{size * fitted:.3g} {channel.unit} of {name} ({', '.join(told)})")
+            refuted.append(f"{size * fitted:.3g} {channel.unit} of {name} ({told})")
         elif stated is not None and measured is not None and abs(measured / stated - 1.0) > MAX_NOISE_DEVIATION:
-            text = f"{name} {size * stated:.3g} {channel.unit} stated, {size * measured:.3g} {channel.unit} measured"
-            (used if channel.sensor_noise == measured else kept).append(text)
+            (used if channel.sensor_noise == measured else kept).append(f"{name} {told}")
     sentences = [f"Stated and measured noise differ: {'; '.join(used + kept)}."] if used or kept else []
     several = sum(map(bool, (used, kept, refuted))) > 1
-    if used:
-        sentences.append("The measured noise is used" + (f" for {_names(used)}." if several else "."))
-    if kept:
-        reason = "without repeated cycles only the fast part of the noise can be measured"
-        sentences.append("The stated noise is used" + (f" for {_names(kept)}" if several else "") + f": {reason}.")
+    reason = ": without repeated cycles only the fast part of the noise can be measured"
+    for texts, what, why in ((used, "measured", ""), (kept, "stated", reason)):
+        names = f" for {', '.join(text.partition(' ')[0] for text in texts)}" if several else ""
+        sentences += [f"The {what} noise is used{names}{why}."] if texts else []
     if refuted:
         sentences.append(f"The fit leaves only {', '.join(refuted)}: the noise cannot be larger, and that is used.")
     return " ".join(sentences) or None
-
-
-def _names(texts: list[str]) -> str:
-    return ", ".join(text.partition(" ")[0] for text in texts)
 
 
 def noise_remarks(campaign: Campaign) -> list[Remark]:
