@@ -20,8 +20,6 @@ from edhas_jax.measurements.time_resolution import MAX_ERROR_OVER_NOISE, TimeRes
 from edhas_jax.simulation.integrator import evaluate_signals
 from edhas_jax.simulation.validity import signal_problems
 
-# signals of the model against which residuals are plotted and searched for patterns, in addition to the measured ones
-
 
 @dataclasses.dataclass(frozen=True)
 class RunComparison:
@@ -116,7 +114,7 @@ def compare(
             runs.append(run)
         except CampaignError as error:
             problem = str(error).removeprefix(f"{run.file}: ")
-            remarks.append(Remark(Severity.ERROR, run.file, 0, f"{problem}; the run is left out"))
+            remarks.append(run.remark(Severity.ERROR, f"{problem}; the run is left out"))
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
     available = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
@@ -135,14 +133,14 @@ def compare(
         for status, reason in signal_problems(simulated, predicted[r].values):
             severity = Severity.NOTE if status.is_valid else Severity.WARNING
             sentence = f"in the model's run {reason}" if status.is_valid else f"the model's run is not valid: {reason}"
-            remarks.append(Remark(severity, run.file, 0, sentence))
+            remarks.append(run.remark(severity, sentence))
         frequency, ramp_time = _sine_set_point(campaign.machine_of(run, machine))
         compared.append(RunComparison(run, predicted[r].values, residuals, frequency, ramp_time))
     if resolution.error > MAX_ERROR_OVER_NOISE:
         step = 1e6 * model.longest_interval() / resolution.fine
-        sentence = (f"the model's runs are not valid: with the smallest step tried, {step:.3g} µs, their error is "
-                    f"still {resolution.error:.2g} of the noise; residuals of this size say nothing")  # fmt: skip
-        remarks.append(Remark(Severity.WARNING, campaign.runs[0].file, 0, sentence))
+        sentence = f"their error is still {resolution.error:.2g} of the noise; residuals of this size say nothing"
+        tried = f"the model's runs are not valid: with the smallest step tried, {step:.3g} µs"
+        remarks.append(campaign.runs[0].warning(f"{tried}, {sentence}"))
     return Comparison(campaign, machine, replay, resolution, tuple(compared), tuple(remarks))
 
 
