@@ -106,9 +106,8 @@ class MachineReader:
         settings, self._overrides = self._split_overrides(overrides)
         self._rig = read_rig(top["rig"], base_dir, self._trust)
         self._keys = machine_keys(self._rig or Rig)
-        if self._rig is not None or not _names_code(
-            top["rig"].value
-        ):  # the drives of a rig that is not read are unknown
+        # the drives of a rig of one's own that cannot be read are unknown
+        if self._rig is not None or not _names_code(top["rig"].value):
             self._keys.refuse_others(top.mapping(""))
         self.name = self._keys.keys["name"].kind.read(top["name"]) or ""
         self.simulation = read_settings(top["simulation"], settings, self._rig or Rig)

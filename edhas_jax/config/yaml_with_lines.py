@@ -173,12 +173,6 @@ def yaml_type(value: Any) -> str:
     """The YAML type of a value with its article: "a text", "a list", "nothing"."""
     if value is None:
         return "nothing"
-    names = {
-        bool: "a yes/no value",
-        str: "a text",
-        dict: "a mapping",
-        list: "a list",
-        int: "a number",
-        float: "a number",
-    }
+    names = {bool: "a yes/no value", str: "a text", dict: "a mapping", list: "a list"}
+    names |= dict.fromkeys((int, float), "a number")
     return names.get(type(value), type(value).__name__)

@@ -52,17 +52,16 @@ class DelayCheck:
             for name, values in run.signals.items()
             if np.isfinite(values).any() and np.nanmin(values) < np.nanmax(values)
         }
-        names = campaign.channels
-        self._median_delay = {name: self._median(name) for name in names}
+        self._median_delay = {name: self._median(name) for name in campaign.channels}
 
     def check(self) -> Iterator[Remark]:
         """Yield warnings on shifts of a signal in every run, of whole runs, and of single signals in single runs."""
         everywhere = [name for name in self._median_delay if self._is_shifted_everywhere(name)]
         for name in everywhere:
             delay = _delay_text(self._median_delay[name])
-            for run in list(self._runs.values())[:1]:
-                sentence = f"{name} is {delay} against the model in every run, and no other signal is"
-                yield run.warning(f"{sentence}; was it recorded separately, or does its sensor delay it?")
+            sentence = f"{name} is {delay} against the model in every run, and no other signal is"
+            first = next(iter(self._runs.values()))
+            yield first.warning(f"{sentence}; was it recorded separately, or does its sensor delay it?")
         for run in self._runs.values():
             names = [name for other, name in self._shifts if other == run.name]
             if min((self._shifts[run.name, name].difference for name in names), default=0.0) > MAX_SHAPE_DIFFERENCE:
@@ -71,9 +70,10 @@ class DelayCheck:
             excess = {n: self._excess_delay(run, n) for n in names if n not in everywhere}
             delays = list(excess.values())
             shifted = [n for n in excess if self._is_shifted(run, n, excess[n])]
-            same_sign = len(delays) > 1 and shifted and min(delays) * max(delays) > 0
-            if same_sign and _relative_range(delays) < MAX_COMMON_SPREAD:
-                delay = _delay_text(float(np.median(delays)))
+            middle = float(np.median(delays)) if len(delays) > 1 else 0.0
+            same_sign = middle and shifted and min(delays) * max(delays) > 0
+            if same_sign and np.ptp(delays) / abs(middle) < MAX_COMMON_SPREAD:
+                delay = _delay_text(middle)
                 yield run.warning(f"all signals are {delay} against the set point; does its time start with the run?")
                 continue
             for name in shifted:
@@ -155,7 +155,3 @@ def _delay_text(delay: float) -> str:
 def _shares(other: float, delay: float) -> bool:
     """Whether another delay has the same sign and a good part of the size."""
     return other * delay > 0.0 and abs(other) > MIN_SHARED_PORTION * abs(delay)
-
-
-def _relative_range(delays: list[float]) -> float:
-    return float(np.ptp(delays) / abs(np.median(delays)))

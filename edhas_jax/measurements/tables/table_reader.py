@@ -24,24 +24,20 @@ from edhas_jax.measurements.tables.text_table import read_text_tables
 
 MIN_SAMPLES = 2  # of a table; a single value is a setting of the logger
 MAX_NAMES = 8  # columns that a message names
-# first bytes of a file, and its reader, or what to do with it
-FORMATS: tuple[tuple[bytes, Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
-    (b"PAR1", read_parquet_tables),
-    (b"MATLAB", read_mat_tables),
-    (b"PK\x03\x04", read_excel_tables),
-    (b"\xd0\xcf\x11\xe0", "is a file of Excel 97; save it as CSV or .xlsx"),
-    (b"\x1f\x8b", "is compressed with gzip; unpack it"),
-    (b"TDSm", read_tdms_tables),
-    (b"\x89HDF", read_hdf5_tables),
-    (b"MDF ", read_mdf_tables),
-    (b"UnFinMF ", "is an MDF file that was not finished; finish it with the program that wrote it"),
-    (b"%PDF", "is a PDF file; export the table as CSV"),
+# first bytes of a file, suffixes of an empty or damaged one that is meant to have this format, and its reader, or what
+# to do with it
+FORMATS: tuple[tuple[bytes, tuple[str, ...], Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
+    (b"PAR1", (".parquet",), read_parquet_tables),
+    (b"MATLAB", (".mat",), read_mat_tables),
+    (b"PK\x03\x04", (".xlsx",), read_excel_tables),
+    (b"\xd0\xcf\x11\xe0", (), "is a file of Excel 97; save it as CSV or .xlsx"),
+    (b"\x1f\x8b", (), "is compressed with gzip; unpack it"),
+    (b"TDSm", (".tdms",), read_tdms_tables),
+    (b"\x89HDF", (".h5", ".hdf5"), read_hdf5_tables),
+    (b"MDF ", (".mf4", ".mdf"), read_mdf_tables),
+    (b"UnFinMF ", (), "is an MDF file that was not finished; finish it with the program that wrote it"),
+    (b"%PDF", (), "is a PDF file; export the table as CSV"),
 )
-# formats that an empty or damaged file is meant to have
-SUFFIXES = {
-    ".parquet": read_parquet_tables, ".mat": read_mat_tables, ".xlsx": read_excel_tables, ".tdms": read_tdms_tables,
-    ".h5": read_hdf5_tables, ".hdf5": read_hdf5_tables, ".mf4": read_mdf_tables, ".mdf": read_mdf_tables,
-}  # fmt: skip
 
 
 def read_tables(path: Path, remark: Callable[[Remark], None], layout: Layout = Layout()) -> list[Table]:
@@ -134,9 +130,9 @@ def _reader(path: Path) -> Callable[[Path, Layout, Report], list[Table]]:
     """
     with path.open("rb") as file:
         start = file.read(8)
-    for magic, reader in FORMATS:
-        if start.startswith(magic):
-            if isinstance(reader, str):
-                raise TableError(0, reader)
-            return reader
-    return SUFFIXES.get(path.suffix.lower(), read_text_tables)
+    by_content = (reader for magic, _, reader in FORMATS if start.startswith(magic))
+    by_name = (reader for _, suffixes, reader in FORMATS if path.suffix.lower() in suffixes)
+    reader = next(by_content, None) or next(by_name, read_text_tables)
+    if isinstance(reader, str):
+        raise TableError(0, reader)
+    return reader

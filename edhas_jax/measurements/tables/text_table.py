@@ -93,9 +93,12 @@ def _read_lines(
         [line.count(delimiter) + 1 if '"' not in line else len(_cells(line, delimiter) or []) for line in body], int
     )
     fits = (counts <= width) & (counts >= width - optional)
-    _report_unreadable([lines[k] for k in np.flatnonzero(counts == 0)], report)
-    unfitting = [(lines[k], int(counts[k])) for k in np.flatnonzero(~fits & (counts > 0))]
-    _report_unfitting(unfitting, width, lines[-1] if lines else 0, report)
+    _report_left_out([(lines[k], "a quotation mark is not closed") for k in np.flatnonzero(counts == 0)], "are", report)
+    unfitting = []
+    for k in np.flatnonzero(~fits & (counts > 0)):
+        truncated = "; the file seems to be truncated" if lines[k] == lines[-1] else ""
+        unfitting.append((lines[k], f"{counts[k]} values where the header has {width}{truncated}"))
+    _report_left_out(unfitting, "have", report)
     kept = np.array(lines, int)[fits]
     text = "\n".join(body if fits.all() else [body[k] for k in np.flatnonzero(fits)])
     try:
@@ -166,26 +169,14 @@ def _cells(line: str, delimiter: str) -> list[str] | None:
         return None
 
 
-def _report_unreadable(unreadable: list[int], report: Report) -> None:
-    """Report the lines with a quotation mark that is not closed."""
-    if len(unreadable) > MAX_LISTED:
-        others = f"so are {len(unreadable) - 1} more lines up to line {unreadable[-1]}"
-        report(unreadable[0], f"a quotation mark is not closed; {others}; these lines are left out")
+def _report_left_out(found: Sequence[tuple[int, str]], verb: str, report: Report) -> None:
+    """Report lines with what is wrong with each; of many the first alone, with `verb` for what the others are."""
+    if len(found) > MAX_LISTED:
+        (line, problem), others = found[0], f"{len(found) - 1} more lines up to line {found[-1][0]}"
+        report(line, f"{problem}; so {verb} {others}; these lines are left out")
         return
-    for line in unreadable:
-        report(line, "a quotation mark is not closed; line left out")
-
-
-def _report_unfitting(unfitting: list[tuple[int, int]], width: int, last: int, report: Report) -> None:
-    """Report the rows with another number of values than the header."""
-    if len(unfitting) > MAX_LISTED:
-        (line, count), (until, _) = unfitting[0], unfitting[-1]
-        others = f"so have {len(unfitting) - 1} more lines up to line {until}"
-        report(line, f"{count} values where the header has {width}; {others}; these lines are left out")
-        return
-    for line, count in unfitting:
-        truncated = "; the file seems to be truncated" if line == last else ""
-        report(line, f"{count} values where the header has {width}{truncated}; line left out")
+    for line, problem in found:
+        report(line, f"{problem}; line left out")
 
 
 def _report_no_line_end(line: int, report: Report) -> None:
