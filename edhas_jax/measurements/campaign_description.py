@@ -1,6 +1,5 @@
 """Read `campaign.yaml`: the machine, its uncertain parameters, the measured signals and the entries of the runs."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +17,7 @@ from edhas_jax.core import runtime, structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
-from edhas_jax.core.units import UnitError, to_si
+from edhas_jax.core.units import UnitError, difference_to_si, to_si
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.interface.signals import SIGNALS, Signal
 from edhas_jax.machine.parameters import find_parameter, get_parameter, short_names
@@ -161,7 +160,7 @@ class CampaignDescription:
                 continue
             try:
                 about = declared[name]
-                scale = to_si(f"1 {unit}", about.unit, f"1 {about.display_unit}") - to_si(f"0 {unit}", about.unit)
+                scale = difference_to_si(f"1 {unit}", about.unit, f"1 {about.display_unit}")
             except UnitError as error:
                 self._leave_out(entry["unit"], str(error))
                 continue
@@ -175,8 +174,7 @@ class CampaignDescription:
                 sentence = "a standard deviation in the unit of the signal belongs here, such as 0.1"
                 entry["model_error"].add(f"{sentence}; got {entry['model_error'].value}")
             limits = _limits(values["limits"], about)
-            more = {} if limits is None else {"limits": limits}
-            self.channels[name] = Channel(unit, noise * scale, model_error=error * scale, **more)
+            self.channels[name] = Channel(unit, noise * scale, model_error=error * scale, limits=limits)
             self.sources[name] = ColumnSource(values["column"] or name, unit)
 
     def problems_of_signals(self) -> None:
@@ -211,9 +209,8 @@ class CampaignDescription:
             keys = sensor_keys(self.machine.signals[name].unit, f"0.1 {self.channels[name].unit}")
             sensors[name] = SensorAccuracy(**keys.read(entry))
         clocks = self._read_clocks(section["clocks"], values["clocks"])
-        return BenchAccuracy(
-            values["trigger"], values["recorder_filter"], settings, sensors, clocks, values["clock_error"]
-        )
+        own = {name: values[name] for name in ("trigger", "recorder_filter", "clock_error")}
+        return BenchAccuracy(settings=settings, signals=sensors, clocks=clocks, **own)
 
     def _read_clocks(self, section: Entry, clocks: Mapping[str, Values]) -> dict[str, RecorderClock]:
         """Further recorders, `motor: {channels: [speed, current], shift: 0.2 s}`."""
@@ -245,8 +242,7 @@ class CampaignDescription:
             names = [entry.name for entry in self.run_entries]
             stem = files[0].path.stem
             name = stem if stem not in names else f"{stem}-{entry.key[-1] + 1}"
-            use = values["use"]
-            self.run_entries.append(RunEntry(name, files, use, conditions, timing, own, columns, keep))
+            self.run_entries.append(RunEntry(name, files, values["use"], conditions, timing, own, columns, keep))
             return
         for file in files:  # without other problems the run is left out
             if not file.path.is_file():
@@ -270,15 +266,14 @@ class CampaignDescription:
         """The start of a run on the clock of its record, and the part of the record that is used."""
         start = next((s for s in (values["start"], start, self._timing.start) if s is not None), None)
         low, high = values["window"]["from"] or 0.0, values["window"]["to"]
-        if not 0.0 <= low < (math.inf if high is None else high):
+        high, run_in = math.inf if high is None else high, 0.0
+        if not 0.0 <= low < high:
             entry["window"].add("`from` must be 0 s or later, and `to` later than `from`")
-        timing = RecordTiming(start, (low, math.inf if high is None else high))
-        if not values["running"]:
-            return timing
-        if self.machine.cycle is None:
+        if values["running"] and self.machine.cycle is None:
             entry["running"].add("needs a bench that is driven by a sine: only its cycles say what came before")
-            return timing
-        return dataclasses.replace(timing, run_in=running_before(self.machine, conditions))
+        elif values["running"]:
+            run_in = running_before(self.machine, conditions)
+        return RecordTiming(start, (low, high), run_in)
 
     def _read_files(self, entry: Entry, time: TimeSource, layout: Layout) -> tuple[RecordFile, ...]:
         """The files of a run: `file: a.csv`, or `files: [a.csv, {file: b.csv, start: 3 s, time: {interval: 1 ms}}]`."""
@@ -305,12 +300,12 @@ class CampaignDescription:
         """The columns that are named differently in the file of this run, `columns: {pressure: p_2}`, by signal."""
         found, usual = {}, self.recorded | self.sources
         for name, values in columns.items():
-            if name not in usual:
+            if name in usual:
+                column, unit = values["column"] or usual[name].column, values["unit"] or usual[name].unit
+                found[name] = ColumnSource(column, unit)
+            else:
                 hint = suggest(str(name), usual)
                 section[name].add(f"is neither a signal nor a recorded drive of the campaign; {hint}")
-                continue
-            column, unit = (values["column"] or usual[name].column), (values["unit"] or usual[name].unit)
-            found[name] = ColumnSource(column, unit)
         return found
 
 
@@ -343,14 +338,14 @@ def _layout(entry: Entry, values: Values, default: Layout) -> Layout:
     return Layout(str(decimal), default.sheet if values["sheet"] is None else values["sheet"])
 
 
-def _limits(entry: Entry, about: Signal) -> tuple[float, float] | None:
-    """The ends (SI) of `limits: [0 V, 10 V]`; None without, and after a problem."""
-    if entry.value is None:
-        return None
+def _limits(entry: Entry, about: Signal) -> tuple[float, float]:
+    """The ends (SI) of `limits: [0 V, 10 V]`; infinite without."""
+    low, high = -math.inf, math.inf
     try:
-        low, high = (to_si(str(end), about.unit, f"1 {about.display_unit}") for end in entry.value)
+        if entry.value is not None:
+            low, high = (to_si(str(end), about.unit, f"1 {about.display_unit}") for end in entry.value)
     except (UnitError, TypeError, ValueError) as error:
-        return entry.add(f"both ends of the sensor's range belong here, such as [0 V, 10 V]: {error}")
+        entry.add(f"both ends of the sensor's range belong here, such as [0 V, 10 V]: {error}")
     if not low < high:
         entry.add("the first end must be below the second")
     return low, high
@@ -365,9 +360,7 @@ def _number(entry: Entry, default: float) -> float:
 
 
 def read_description(
-    path: Path,
-    description: type[CampaignDescription] = CampaignDescription,
-    trust: Trust = (),
+    path: Path, description: type[CampaignDescription] = CampaignDescription, trust: Trust = ()
 ) -> tuple[CampaignDescription, list[Remark]]:
     """Read a `campaign.yaml`.
 

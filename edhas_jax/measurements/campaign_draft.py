@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.machine.rigs import RIGS, Rig
 from edhas_jax.measurements.campaign import has_parameter
-from edhas_jax.measurements.column_guess import GuessedColumn, Role
+from edhas_jax.measurements.table_guess import GuessedColumn, Role
 
 # relative standard deviations that are usual for a machine that is known from drawings and data sheets, on which dry
 # friction does not stand: where it is taken as known, its error is found as an effect that the machine does not have
