@@ -40,6 +40,11 @@ def check_machine(m: Rig, given: GivenKeys, incomplete: bool) -> list[Problem]:
     return problems if incomplete else [*problems, *_check_open_loop(m, given), *_check_derivatives(m)]
 
 
+def _key(given: GivenKeys, *names: tuple[str, str]) -> KeyPath:
+    """The key of the first of some parameters that the configuration sets; of the first one where it sets none."""
+    return next((given[name] for name in names if name in given), names[0])
+
+
 def _check_derivatives(m: Rig) -> Iterator[Problem]:
     try:
         check_derivatives(m)
@@ -50,23 +55,20 @@ def _check_derivatives(m: Rig) -> Iterator[Problem]:
 def _check_order(m: Rig, given: GivenKeys) -> Iterator[Problem]:
     for path, p, problem in order_problems(m):
         if path not in ORDER_CHECKED_BELOW:
-            keys = [given[path, name] for name in (p.name, p.at_least) if (path, name) in given]
-            yield keys[0] if keys else (path, p.name), problem
+            yield _key(given, (path, p.name), (path, p.at_least)), problem
 
 
 def _check_tables(m: Rig, given: GivenKeys) -> Iterator[Problem]:
     for effect in m.effects:
         table = table_of(effect)
         for k in () if table is None else np.flatnonzero(np.diff(table.nodes) == 0.0):
-            names = [(effect.id, f"node_{k + 2}"), (effect.id, f"node_{k + 1}")]
-            key = next((given[name] for name in names if name in given), names[0])
+            key = _key(given, (effect.id, f"node_{k + 2}"), (effect.id, f"node_{k + 1}"))
             yield key, f"node_{k + 1} and node_{k + 2} of {effect.id} coincide; nodes must increase"
 
 
 def _check_cylinder(m: Rig, given: GivenKeys) -> Iterator[Problem]:
     if isinstance(getattr(m, "cylinder", None), Cylinder) and not m.cylinder.cylinder_rod < m.cylinder.cylinder_bore:
-        names = [("cylinder", name) for name in ("cylinder_rod", "cylinder_bore")]
-        key = next((given[name] for name in names if name in given), names[1])
+        key = given.get(("cylinder", "cylinder_rod"), _key(given, ("cylinder", "cylinder_bore")))
         rod, bore = (format_quantity(x, "m") for x in (m.cylinder.cylinder_rod, m.cylinder.cylinder_bore))
         yield key, f"the rod ({rod}) must be thinner than the bore ({bore}) of the cylinder"
 
@@ -75,8 +77,7 @@ def _check_chirps(m: Rig, given: GivenKeys) -> Iterator[Problem]:
     for section in dict.fromkeys((*m.drives, "reference", "target")):
         for name in ("start_frequency", "end_frequency"):
             if getattr(getattr(m, section, None), name, 1.0) <= 0.0:
-                key = given.get((section, name), (section, name))
-                yield key, "must be above 0 Hz for a chirp"
+                yield _key(given, (section, name)), "must be above 0 Hz for a chirp"
 
 
 def _check_sampling(m: Rig, given: GivenKeys) -> Iterator[Problem]:

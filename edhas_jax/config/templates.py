@@ -10,20 +10,15 @@ from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFricti
 from edhas_jax.machine.parameters import COMPONENT_KINDS, format_span, list_parameters, short_names
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench, Rig, components_by_name
 
-# what a user calls each rig, its nominal machine, and what drives it
-BEGINNINGS: dict[str, tuple[type[Rig], tuple, str]] = {
-    "actuator": (ActuatorBench, (LugreFriction,), "reference: {kind: sine, amplitude: 3.5 mm, frequency: 10 Hz}"),
-    "pump": (
-        PumpBench, (LugreFriction, PistonLeakage, EntrainedAir),
-        "reference: {kind: sine, amplitude: 3.5 mm, frequency: 10 Hz}",
-    ),
-    "system": (
-        ActuatorSystem, (LugreFriction, PistonLeakage, EntrainedAir, KarnoppFriction),
-        "target: 15 mm  # a step at once; {kind: step, step_size: 15 mm, step_time: 0.1 s} waits first",
-    ),
-}  # fmt: skip
-FIRST = {"actuator": "coil_resistance", "pump": "piston_clearance", "system": "piston_clearance"}
-DURATION = {"actuator": "0.5 s", "pump": "0.5 s", "system": "0.6 s"}
+# what a user calls each rig, its nominal machine, what drives it, the parameter that is set, and how long it runs
+_SINE = "reference: {kind: sine, amplitude: 3.5 mm, frequency: 10 Hz}"
+_STEP = "target: 15 mm  # a step at once; {kind: step, step_size: 15 mm, step_time: 0.1 s} waits first"
+_OF_PUMP = (LugreFriction, PistonLeakage, EntrainedAir)
+BEGINNINGS: dict[str, tuple[type[Rig], tuple, str, str, str]] = {
+    "actuator": (ActuatorBench, (LugreFriction,), _SINE, "coil_resistance", "0.5 s"),
+    "pump": (PumpBench, _OF_PUMP, _SINE, "piston_clearance", "0.5 s"),
+    "system": (ActuatorSystem, (*_OF_PUMP, KarnoppFriction), _STEP, "piston_clearance", "0.6 s"),
+}
 MACHINE = """\
 name: {name}
 machine: # or a configuration of your own: `base: my_pump.yaml`, as `edhas new pump` writes it
@@ -137,7 +132,7 @@ def machine_template(kind: str, name: str) -> str:
         kind: one of `BEGINNINGS`.
         name: its title.
     """
-    rig, effects, drive = BEGINNINGS[kind]
+    rig, effects, drive, first, duration = BEGINNINGS[kind]
     machine = rig(effects=tuple(effect() for effect in effects))
     names, rows = short_names(machine), list_parameters(machine)
     lines = [
@@ -159,10 +154,10 @@ def machine_template(kind: str, name: str) -> str:
         own = [(p, value) for p, value, owner in rows if owner == path]
         lines += [f"  # {path}"] if own else []
         for p, value in own:
-            mark = "" if p.name == FIRST[kind] else "# "
+            mark = "" if p.name == first else "# "
             about = f"{one_line(p.doc)} ({format_span(p)})"
             lines.append(f"  {mark}{names[path, p.name]}: {exact_quantity(value, p.unit)}  # {about}")
-    lines += ["", "simulation:", f"  duration: {DURATION[kind]}", "  sample_rate: 5 kHz",
+    lines += ["", "simulation:", f"  duration: {duration}", "  sample_rate: 5 kHz",
               "  # step: 20 µs        # chosen by the program where it is left out",
               "  # accuracy: 0.5 %    # or: halve the step until every signal is so accurate", ""]  # fmt: skip
     return "\n".join(lines)

@@ -158,26 +158,21 @@ def read_parquet_tables(path: Path, layout: Layout, report: Report) -> list[Tabl
     import pyarrow.parquet as pq
 
     with _damaged_unless("a Parquet file"), pq.ParquetFile(path, page_checksum_verification=True) as file:
-        schema = file.schema_arrow
-        is_time = [pa.types.is_timestamp(field.type) for field in schema]
-        used = [
-            pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or stamp
-            for field, stamp in zip(schema, is_time, strict=True)
-        ]
-        for field, is_used in zip(schema, used, strict=True):
-            if not is_used:
+        fields = []  # that hold numbers or dates with times, with their units
+        for field in file.schema_arrow:
+            if pa.types.is_timestamp(field.type):
+                fields.append((field.name, "s"))
+            elif pa.types.is_floating(field.type) or pa.types.is_integer(field.type):
+                fields.append((field.name, _text((field.metadata or {}).get(b"unit", b""))))
+            else:
                 report(0, f"column `{field.name}` does not hold numbers; it is left out")
-        require_size(file.metadata.num_rows * sum(used))
-        units = [
-            "s" if stamp else _text((field.metadata or {}).get(b"unit", b""))
-            for field, stamp in zip(schema, is_time, strict=True)
-        ]
-        named = names_and_units(schema.names, units)
+        require_size(file.metadata.num_rows * len(fields))
         columns = {}
-        for name, (own, unit), is_used, stamp in zip(schema.names, named, used, is_time, strict=True):
-            if is_used:
-                values = file.read(columns=[name]).column(0).to_numpy()
-                columns[own] = Column(unit, _seconds_since_first(values) if stamp else values.astype(float))
+        names, units = zip(*fields, strict=True) if fields else ((), ())
+        for name, (own, unit) in zip(names, names_and_units(names, units), strict=True):
+            values = file.read(columns=[name]).column(0).to_numpy()
+            is_stamp = values.dtype.kind == "M"
+            columns[own] = Column(unit, _seconds_since_first(values) if is_stamp else values.astype(float))
         return [Table(columns, np.arange(1, file.metadata.num_rows + 1))]
 
 
