@@ -23,18 +23,8 @@ import numpy as np
 from edhas_jax.core.units import from_si
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
+from edhas_jax.measurements.checks import noise_records as records
 from edhas_jax.measurements.checks.noise_correlation import Autocovariance, autocorrelation_of, autoregression
-from edhas_jax.measurements.checks.noise_records import (
-    FAST_HALF_WIDTH,
-    SLOW_HALF_WIDTH,
-    autocovariance_of,
-    block_mean_squares,
-    cycle_residuals,
-    fast_noise,
-    local_residual,
-    polynomial_gain,
-    without_signal,
-)
 
 MAX_NOISE_DEVIATION = 0.2  # relative; a measured noise that deviates more is said
 MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS = 0.05, 5.0  # a measured noise that deviates by more than both is used
@@ -45,7 +35,7 @@ MAX_CYCLES_OVER_LOCAL = 1.3  # noise between cycles over its local upper bound; 
 QUIET_SHARE = 0.2  # of the blocks, the quietest
 QUIET_MEAN_SQUARE = 0.78  # largest mean square of those of white noise over that of all, from simulated noise
 MIN_WHITE_RATIO, MAX_WHITE_RATIO = 0.7, 1.12  # mean square of slow over fast deviations of white noise, with scatter
-WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
+FAST, SLOW = records.FAST_HALF_WIDTH, records.SLOW_HALF_WIDTH  # samples on either side of the local polynomials
 STANDARD_ERROR_LAGS = 200  # sample intervals of correlation that count in the standard error of a measured noise
 FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
 MIN_VALUES = 8  # different values of a record; fewer do not show a regular step
@@ -75,7 +65,7 @@ class MeasuredNoise(NamedTuple):
         """The correlation of noise of this level; within bounds, that of first order which has the fast part."""
         if self.low == self.high or not math.isfinite(self.high):
             return self.correlation
-        ratios = np.array([_mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER])
+        ratios = np.array([_mean_square_ratio(a, FAST) for a in FIRST_ORDER])
         coefficient = float(np.interp(-((self.fast / level) ** 2), -ratios, FIRST_ORDER))
         return (coefficient,) if coefficient > 0.0 else ()
 
@@ -178,8 +168,8 @@ def without_refuted_noise(
 def measure_noise(campaign: Campaign, name: str) -> MeasuredNoise | None:
     """Measure the noise of a signal; None where its records are too short or uneven."""
     runs = [run for run in campaign.runs if name in run.signals]
-    between_cycles = [autocovariance_of(cycle_residuals(run, name, campaign.machine_of(run))) for run in runs]
-    whole = _pooled([found for found in between_cycles if found is not None])
+    between_cycles = (records.cycle_residuals(run, name, campaign.machine_of(run)) for run in runs)
+    whole = _pooled([found for residuals in between_cycles if (found := records.autocovariance_of(residuals))])
     local = _local_noise(runs, name)
     resolution = recorder_resolution([run.signals[name] for run in runs])
     rounding = resolution / math.sqrt(12.0)
@@ -217,14 +207,15 @@ def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
     """The noise of a signal from local polynomials; None where its records are too short or uneven."""
     levels, samples, quiet = [], [], []
     for run in runs:
-        level, fast, slow = fast_noise(run, name), *(local_residual(run, name, w) for w in WIDTHS)
+        level, fast, slow = records.fast_noise(run, name), *(records.local_residual(run, name, w) for w in (FAST, SLOW))
         if slow is None or not level > 0.0:
             continue
-        margin = SLOW_HALF_WIDTH - FAST_HALF_WIDTH
-        used = without_signal(fast.values)[margin : len(fast.values) - margin]
+        margin = SLOW - FAST
+        used = records.without_signal(fast.values)[margin : len(fast.values) - margin]
         levels.append(level)
         samples.append(float(np.isfinite(used).sum()))
-        ratios = block_mean_squares(np.where(np.isfinite(used), slow.values, np.nan)) / slow.white_gain / level**2
+        squares = records.block_mean_squares(np.where(np.isfinite(used), slow.values, np.nan))
+        ratios = squares / slow.white_gain / level**2
         quiet.append(ratios[np.isfinite(ratios)])
     if sum(samples) < MIN_SAMPLES:
         return None
@@ -235,17 +226,17 @@ def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
         return MeasuredNoise(math.sqrt(ratio) * level, level, level, (), sum(samples))
     if ratio < MAX_WHITE_RATIO:
         return MeasuredNoise(level, level, level, (), sum(samples))
-    ratios = [_mean_square_ratio(a, SLOW_HALF_WIDTH) / _mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER]
+    ratios = [_mean_square_ratio(a, SLOW) / _mean_square_ratio(a, FAST) for a in FIRST_ORDER]
     if ratio > ratios[-1]:  # the signal is nowhere quiet
         return MeasuredNoise(level, math.inf, level, (), sum(samples))
     coefficient = float(np.interp(ratio, ratios, FIRST_ORDER))
-    high = level / math.sqrt(_mean_square_ratio(coefficient, FAST_HALF_WIDTH))
+    high = level / math.sqrt(_mean_square_ratio(coefficient, FAST))
     return MeasuredNoise(level, high, level, (coefficient,), sum(samples))
 
 
 def _mean_square_ratio(coefficient: float, half_width: int) -> float:
     """Mean square of the deviations of noise of first order from local polynomials, over that of white noise."""
-    gain = polynomial_gain(half_width)
+    gain = records.polynomial_gain(half_width)
     middle = len(gain) // 2
     correlation = autocorrelation_of((coefficient,), middle)
     return float(gain[middle] + 2.0 * gain[middle + 1 :] @ correlation[1:]) / float(gain[middle])
@@ -293,16 +284,16 @@ def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def recorder_resolution(records: Iterable[np.ndarray]) -> float:
+def recorder_resolution(rows: Iterable[np.ndarray]) -> float:
     """The step between neighbouring values of a recorder.
 
     Args:
-        records: the values of a signal (samples,) in each run (SI).
+        rows: the values of a signal (samples,) in each run (SI).
 
     Returns:
         The largest step of any run (SI); 0 if the values are continuous, or the step is too fine to be seen.
     """
-    return max((_step(values[np.isfinite(values)]) for values in records), default=0.0)
+    return max((_step(values[np.isfinite(values)]) for values in rows), default=0.0)
 
 
 def _step(values: np.ndarray) -> float:

@@ -80,10 +80,10 @@ def read_column(
     elif 2 * sum(isinstance(t, str) and STAMP.fullmatch(t) is not None for t in texts) > sum(map(_is_filled, texts)):
         unit, values = "s", _seconds_of_texts(texts)
     else:
-        try:
-            values = _numbers(texts, decimal, is_stated)
-        except _Ambiguous as error:
-            k, one, two = error.args
+        values, others = _numbers(texts, decimal, is_stated)
+        if others is not None:
+            k = int(np.flatnonzero((values != others) & ~np.isnan(values))[0])
+            one, two = float(values[k]), float(others[k])
             sentence = (
                 f'`{name[:MAX_QUOTED]}`: "{texts[k][:MAX_QUOTED]}" is {one!r} or {two!r}; say what stands before the '
                 'decimals in this file: `decimal: "."` or `decimal: ","` in campaign.yaml'
@@ -105,35 +105,25 @@ def read_column(
     return Column(unit, values)
 
 
-class _Ambiguous(Exception):
-    """Index of a cell that may have thousands or decimals, and both numbers."""
-
-
 def _is_filled(cell: Cell) -> bool:
     return cell is not None and cell == cell and not (isinstance(cell, str) and cell.lower().strip("+-") in ("", "nan"))
 
 
-def _numbers(texts: Sequence[Cell], decimal: str, is_stated: bool) -> np.ndarray:
-    """The numbers in cells (samples,), NaN where there is none.
+def _numbers(texts: Sequence[Cell], decimal: str, is_stated: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """The numbers in cells (samples,), NaN where there is none; beside them others that are possible as well.
 
     The other mark separates thousands, or is the decimal mark of this column after all: what more cells allow.
-
-    Raises:
-        _Ambiguous: both are possible.
     """
     other = OTHER[decimal]
     values = _with_mark(texts, decimal)
     strings = [text for text in texts if isinstance(text, str)]
     if is_stated or not any(other in text or text.count(decimal) > 1 for text in strings):
-        return values
+        return values, None
     others = _with_mark(texts, other)
     count, other_count = int(np.isnan(values).sum()), int(np.isnan(others).sum())
-    if count == other_count and any(other in text for text in strings):
-        differing = np.flatnonzero((values != others) & ~np.isnan(values))
-        if len(differing):
-            k = int(differing[0])
-            raise _Ambiguous(k, float(values[k]), float(others[k]))
-    return others if other_count < count else values
+    if count == other_count and any(other in text for text in strings) and (values != others)[~np.isnan(values)].any():
+        return values, others
+    return others if other_count < count else values, None
 
 
 def _with_mark(texts: Sequence[Cell], decimal: str) -> np.ndarray:

@@ -11,14 +11,7 @@ import numpy as np
 
 from edhas_jax.core.regular_file import FileKindError, require_regular_file
 from edhas_jax.measurements.campaign import Remark, Severity
-from edhas_jax.measurements.tables.binary_tables import (
-    read_excel_tables,
-    read_hdf5_tables,
-    read_mat_tables,
-    read_mdf_tables,
-    read_parquet_tables,
-    read_tdms_tables,
-)
+from edhas_jax.measurements.tables import binary_tables as binary
 from edhas_jax.measurements.tables.table import MAX_BYTES, TIME, Column, Layout, Report, Table, TableError
 from edhas_jax.measurements.tables.text_table import read_text_tables
 
@@ -27,14 +20,14 @@ MAX_NAMES = 8  # columns that a message names
 # first bytes of a file, suffixes of an empty or damaged one that is meant to have this format, and its reader, or what
 # to do with it
 FORMATS: tuple[tuple[bytes, tuple[str, ...], Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
-    (b"PAR1", (".parquet",), read_parquet_tables),
-    (b"MATLAB", (".mat",), read_mat_tables),
-    (b"PK\x03\x04", (".xlsx",), read_excel_tables),
+    (b"PAR1", (".parquet",), binary.read_parquet_tables),
+    (b"MATLAB", (".mat",), binary.read_mat_tables),
+    (b"PK\x03\x04", (".xlsx",), binary.read_excel_tables),
     (b"\xd0\xcf\x11\xe0", (), "is a file of Excel 97; save it as CSV or .xlsx"),
     (b"\x1f\x8b", (), "is compressed with gzip; unpack it"),
-    (b"TDSm", (".tdms",), read_tdms_tables),
-    (b"\x89HDF", (".h5", ".hdf5"), read_hdf5_tables),
-    (b"MDF ", (".mf4", ".mdf"), read_mdf_tables),
+    (b"TDSm", (".tdms",), binary.read_tdms_tables),
+    (b"\x89HDF", (".h5", ".hdf5"), binary.read_hdf5_tables),
+    (b"MDF ", (".mf4", ".mdf"), binary.read_mdf_tables),
     (b"UnFinMF ", (), "is an MDF file that was not finished; finish it with the program that wrote it"),
     (b"%PDF", (), "is a PDF file; export the table as CSV"),
 )
