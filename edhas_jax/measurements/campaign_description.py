@@ -71,8 +71,8 @@ class CampaignDescription:
         self.channels: dict[str, Channel] = {}
         self.sources: dict[str, ColumnSource] = {}
         self.accuracy = BenchAccuracy()
-        self.time, start = _time_source(top["time"], values["time"], TimeSource())
-        self._timing, self._layout = RecordTiming(start), _layout(top, values, Layout())
+        self.time = _time_source(top, {"time": values["time"]}, TimeSource())  # a drive may be called `start`
+        self._layout = _layout(top, values, Layout())
         self.run_entries: list[RunEntry] = []
         if self.machine is not None:
             self._read_uncertain(values["uncertain"])
@@ -231,10 +231,10 @@ class CampaignDescription:
 
     def _read_run(self, entry: Entry, values: Values) -> None:
         """Read an entry under `runs`; one without problems is added to the entries."""
-        time, start = _time_source(entry["time"], values["time"], self.time)
-        files = self._read_files(entry, time, _layout(entry, values, self._layout))
+        time, layout = _time_source(entry, values, self.time), _layout(entry, values, self._layout)
+        files = self._read_files(entry, time, layout)
         conditions = self._read_conditions(entry, values)
-        timing = self._read_timing(entry, values, start, conditions)
+        timing = self._read_timing(entry, values, conditions)
         columns = self._read_columns(entry["columns"], values["columns"])
         own = self._read_own_uncertain(entry.key[-1] + 1, values["uncertain"], conditions)
         keep = self._in_all | self._read_keep(entry["keep"])
@@ -260,11 +260,8 @@ class CampaignDescription:
                 entry[name].add(f"{what}; for the parameter write `conditions: {{{name}: …}}`{other}")
         return {name: value for name, value in found.items() if value is not None}
 
-    def _read_timing(
-        self, entry: Entry, values: Values, start: float | None, conditions: Mapping[str, float]
-    ) -> RecordTiming:
-        """The start of a run on the clock of its record, and the part of the record that is used."""
-        start = next((s for s in (values["start"], start, self._timing.start) if s is not None), None)
+    def _read_timing(self, entry: Entry, values: Values, conditions: Mapping[str, float]) -> RecordTiming:
+        """The part of the record of a run that is used, and how long the machine has been running before it."""
         low, high = values["window"]["from"] or 0.0, values["window"]["to"]
         high, run_in = math.inf if high is None else high, 0.0
         if not 0.0 <= low < high:
@@ -273,14 +270,14 @@ class CampaignDescription:
             entry["running"].add("needs a bench that is driven by a sine: only its cycles say what came before")
         elif values["running"]:
             run_in = running_before(self.machine, conditions)
-        return RecordTiming(start, (low, high), run_in)
+        return RecordTiming(window=(low, high), run_in=run_in)
 
     def _read_files(self, entry: Entry, time: TimeSource, layout: Layout) -> tuple[RecordFile, ...]:
         """The files of a run: `file: a.csv`, or `files: [a.csv, {file: b.csv, start: 3 s, time: {interval: 1 ms}}]`."""
         file, files = entry["file"], entry["files"]
         if "files" not in entry:
             if isinstance(file.value, str):
-                return (RecordFile(self.folder / file.value, time, layout=layout),)
+                return (RecordFile(self.folder / file.value, time, layout),)
             file.add("missing; write for example `file: run1.csv`")
             return ()
         if "file" in entry or not isinstance(files.value, list) or not files.value:
@@ -289,11 +286,9 @@ class CampaignDescription:
         found = []
         for inside in files.list():
             values = FILE.read(inside)
-            of_file, start = _time_source(inside["time"], values["time"], time)
-            start = start if values["start"] is None else values["start"]
-            of_layout = _layout(inside, values, layout)
+            of_file, of_layout = _time_source(inside, values, time), _layout(inside, values, layout)
             if values["file"] is not None:
-                found.append(RecordFile(self.folder / values["file"], of_file, start, of_layout))
+                found.append(RecordFile(self.folder / values["file"], of_file, of_layout))
         return tuple(found)
 
     def _read_columns(self, section: Entry, columns: Mapping[str, Values]) -> dict[str, ColumnSource]:
@@ -318,16 +313,16 @@ def _without_per(entry: Entry) -> Entry:
     return Entry({k: v for k, v in entry.value.items() if k != "per"}, entry.key, entry.problems)
 
 
-def _time_source(entry: Entry, values: Values, usual: TimeSource) -> tuple[TimeSource, float | None]:
-    """Where time stamps come from, and the start of the run, of a section `time`; what it lacks is as `usual`."""
-    if sum(name in entry for name in ("column", "interval", "rate")) > 1:
-        entry.add("either the column of the time stamps, or the interval or rate of the samples belongs here")
-    interval = values["interval"] or (1.0 / values["rate"] if values["rate"] else None)
-    if interval is not None:
-        return usual._replace(interval=interval), values["start"]
-    if values["column"] is values["unit"] is None:
-        return usual, values["start"]
-    return TimeSource(values["column"] or usual.column, values["unit"] or usual.unit), values["start"]
+def _time_source(entry: Entry, values: Values, usual: TimeSource) -> TimeSource:
+    """Where time stamps come from by `time` and `start` of an entry; what these lack is as `usual`."""
+    section, given = entry["time"], values["time"]
+    if sum(name in section for name in ("column", "interval", "rate")) > 1:
+        section.add("either the column of the time stamps, or the interval or rate of the samples belongs here")
+    start = next((s for s in (values.get("start"), given["start"], usual.start) if s is not None), None)
+    interval = given["interval"] or (1.0 / given["rate"] if given["rate"] else None)
+    if interval is not None or given["column"] is given["unit"] is None:
+        return usual._replace(interval=interval or usual.interval, start=start)
+    return TimeSource(given["column"] or usual.column, given["unit"] or usual.unit, start=start)
 
 
 def _layout(entry: Entry, values: Values, default: Layout) -> Layout:

@@ -43,11 +43,15 @@ class ColumnSource(NamedTuple):
 
 
 class TimeSource(NamedTuple):
-    """Where the time stamps of a file come from: a column, or a stated interval [s] from sample to sample."""
+    """Where the time stamps of a file come from: a column, or a stated interval [s] from sample to sample.
+
+    `start` is the time stamp [s] at which the run begins; None for the first one.
+    """
 
     column: str = "time"
     unit: str = ""
     interval: float | None = None
+    start: float | None = None
 
 
 class RecordFile(NamedTuple):
@@ -56,13 +60,11 @@ class RecordFile(NamedTuple):
     Args:
         path: where it is.
         time: where its time stamps come from.
-        start: the time stamp [s] in it at which the run begins; None for that of the run.
         layout: what the campaign states about the file.
     """
 
     path: Path
     time: TimeSource = TimeSource()
-    start: float | None = None
     layout: Layout = Layout()
 
 
@@ -74,7 +76,7 @@ class RunEntry(NamedTuple):
         files: files of any format that `read_tables` reads.
         use: fit or holdout.
         conditions: parameters of the machine in this run (SI).
-        timing: where the time of the run is zero, and which part of the record is used.
+        timing: which part of the record is used; where its time is zero its files say.
         uncertain: the parameters whose value in this run is an unknown of its own.
         columns: the columns of signals and drives that have another name in this run.
         keep: the signals of which the checks leave out no sample.
@@ -294,8 +296,7 @@ class RunReader:
 
     @staticmethod
     def _timing(entry: RunEntry, record: _Record) -> RecordTiming:
-        start = record.file.start
-        return entry.timing if start is None else dataclasses.replace(entry.timing, start=start)
+        return dataclasses.replace(entry.timing, start=record.file.time.start)
 
     def _with_time(self, record: _Record, records: Sequence[_Record]) -> Table:
         """The table of a record, with the time stamps of another table of its file where it has none of its own."""
