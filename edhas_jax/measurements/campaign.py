@@ -18,7 +18,8 @@ from edhas_jax.machine.parameters import ParameterError, find_parameter, get_par
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import OFFSET_OVER_RANGE, BenchAccuracy, with_defaults
 
-MAX_LINES = 10
+SignalsByRun = Mapping[str, Mapping[str, np.ndarray]]  # by run and signal (samples,)
+MAX_LINES = 10  # of a short list of remarks
 MAX_FILES = 3  # that are named beside the first one
 
 

@@ -81,12 +81,9 @@ class Comparison:
 
 
 def compare(
-    campaign: Campaign,
-    machine: Rig | None = None,
-    instruments: Instruments = Instruments(),
-    replay: Replay = Replay.SET_POINT,
-    on_progress: Callable[[str], None] | None = None,
-) -> Comparison:
+    campaign: Campaign, machine: Rig | None = None, instruments: Instruments = Instruments(),
+    replay: Replay = Replay.SET_POINT, on_progress: Callable[[str], None] | None = None,
+) -> Comparison:  # fmt: skip
     """Simulate a model as the bench was run, with a time step whose error is far below the noise.
 
     Args:

@@ -1,11 +1,11 @@
 """Residuals between measurement and model in units of the sensor noise, and their rms."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
+from edhas_jax.measurements.campaign import BenchRun, Campaign, SignalsByRun, Use
 from edhas_jax.measurements.measurement_model import PredictedSignals
 
 OVERALL = "overall"
@@ -34,9 +34,7 @@ def rms_over_noise(residuals: Iterable[np.ndarray]) -> float:
     return math.sqrt(square_sum / count) if count else math.inf
 
 
-def rms_by_run(
-    campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]]
-) -> dict[str, dict[str, float]]:
+def rms_by_run(campaign: Campaign, residuals: SignalsByRun) -> dict[str, dict[str, float]]:
     """The rms of normalised residuals by run and signal; the parts of a run that was divided are taken together.
 
     Args:
@@ -50,7 +48,7 @@ def rms_by_run(
     return {run: {name: rms_over_noise(rows) for name, rows in row.items()} for run, row in parts.items()}
 
 
-def rms_by_signal(campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], use: Use) -> dict[str, float]:
+def rms_by_signal(campaign: Campaign, residuals: SignalsByRun, use: Use) -> dict[str, float]:
     """The rms of normalised residuals over all runs of one use.
 
     Args:

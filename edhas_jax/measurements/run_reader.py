@@ -42,6 +42,9 @@ class ColumnSource(NamedTuple):
     between: Between | None = None
 
 
+Columns = Mapping[str, ColumnSource]  # by signal or drive
+
+
 class TimeSource(NamedTuple):
     """Where the time stamps of a file come from: a column, or a stated interval [s] from sample to sample.
 
@@ -88,7 +91,7 @@ class RunEntry(NamedTuple):
     conditions: dict[str, float]
     timing: RecordTiming = RecordTiming()
     uncertain: Mapping[str, Spread] = MappingProxyType({})
-    columns: Mapping[str, ColumnSource] = MappingProxyType({})
+    columns: Columns = MappingProxyType({})
     keep: frozenset[str] = frozenset()
 
     @property
@@ -142,13 +145,9 @@ class RunReader:
         planned: whether the runs are planned: their files need not hold any measured signal.
     """
 
-    def __init__(
-        self, machine: Rig, sources: Mapping[str, ColumnSource], recorded: Mapping[str, ColumnSource],
-        planned: bool = False,
-    ):  # fmt: skip
+    def __init__(self, machine: Rig, sources: Columns, recorded: Columns, planned: bool = False):
         self.remarks: list[Remark] = []
-        self._planned = planned
-        self._machine, self._sources, self._recorded = machine, sources, recorded
+        self._machine, self._sources, self._recorded, self._planned = machine, sources, recorded, planned
         self._file, self._header_line, self._time = Path(), 0, TimeSource()
 
     def read(self, entry: RunEntry) -> list[BenchRun]:

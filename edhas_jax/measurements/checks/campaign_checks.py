@@ -3,11 +3,11 @@
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity, SignalsByRun
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
 from edhas_jax.measurements.checks.impossible_samples import (
@@ -29,8 +29,6 @@ UNKNOWN_NOISE = (
     "its noise is not stated, and no record is long and even enough to measure it; state `noise:`, the standard "
     "deviation in the unit of the signal"
 )
-
-Models = Mapping[str, Mapping[str, np.ndarray]]
 
 
 def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | None = None) -> Campaign:
@@ -72,7 +70,7 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     for run in runs:
         signals = {}
         for name, values in run.signals.items():
-            causes = list(check_units(campaign, run, name, models, ratios[name][run.name]))
+            causes = check_units(campaign, run, name, models, ratios[name][run.name])
             wrong = outliers[name][run.name]
             impossible, found = find_impossible_samples(campaign, run, name, models, wrong, usual[name])
             signals[name] = np.where(impossible, np.nan, values) if impossible.any() else values
@@ -122,7 +120,7 @@ def _without_unknown_noise(campaign: Campaign) -> tuple[Campaign, list[Remark]]:
 
 def _simulated_runs(
     campaign: Campaign, runs: list[BenchRun], remarks: list[Remark], on_progress: Callable[[float], None] | None
-) -> Models:
+) -> SignalsByRun:
     """The signals of the model by run and signal; adds remarks on time axes and on runs that cannot be simulated."""
     usable = []
     for run in runs:

@@ -6,14 +6,14 @@ in all runs. Therefore only a shift that other signals do not share and that lea
 sensor lag is a property of the sensor, not an error in the files.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, SignalsByRun
 from edhas_jax.measurements.sensor_models import SensorLag
 
 MIN_SHIFT = 1e-3  # s; a wrong parameter can cause smaller shifts
@@ -43,7 +43,7 @@ class DelayCheck:
         models: signals of the model (samples,) at the time stamps, by run and signal, SI; runs without are not checked.
     """
 
-    def __init__(self, campaign: Campaign, models: Mapping[str, Mapping[str, np.ndarray]]):
+    def __init__(self, campaign: Campaign, models: SignalsByRun):
         self._runs = {run.name: run for run in campaign.runs if run.name in models}
         self._models = models
         self._shifts = {

@@ -1,14 +1,13 @@
 """Find the samples of a signal that cannot be right: spikes and drop-outs, a stuck sensor, a sensor at its limit."""
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
 from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.controllers import Supply
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Remark, Removal, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Remark, Removal, Severity, SignalsByRun
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
 from edhas_jax.measurements.checks.outlier_search import Record, find_excursions, find_outliers
 from edhas_jax.measurements.checks.repeated_values import (
@@ -26,11 +25,9 @@ MIN_NOISE_OVER_RESOLUTION = 1.0  # of a sensor that cannot repeat a value by cha
 MAX_STUCK = 2  # intervals at which a sensor is stuck; a recorder that writes changes only leaves more
 MAX_LISTED = 5  # spikes of a signal whose times are listed
 
-Models = Mapping[str, Mapping[str, np.ndarray]]
-
 
 def find_signal_outliers(
-    campaign: Campaign, name: str, models: Models, with_excursions: bool = True
+    campaign: Campaign, name: str, models: SignalsByRun, with_excursions: bool = True
 ) -> dict[str, np.ndarray]:
     """Find the spikes and drop-outs of a signal, in all runs together.
 
@@ -67,7 +64,7 @@ def find_signal_outliers(
 
 
 def find_impossible_samples(
-    campaign: Campaign, run: BenchRun, name: str, models: Models, outliers: np.ndarray, noise_ratio: float
+    campaign: Campaign, run: BenchRun, name: str, models: SignalsByRun, outliers: np.ndarray, noise_ratio: float
 ) -> tuple[np.ndarray, list[Remark]]:
     """Find the samples of a signal that are left out, because the records alone prove that they are wrong.
 

@@ -15,13 +15,13 @@ A fit refutes a noise that is larger than all that it leaves of the signal (`wit
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from edhas_jax.core.units import from_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity, SignalsByRun
 from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks import noise_records as records
 from edhas_jax.measurements.checks.noise_correlation import Autocovariance, autocorrelation_of, autoregression
@@ -126,9 +126,7 @@ def _standard_error(coefficients: Sequence[float], samples: float) -> float:
     return math.sqrt((1.0 + 2.0 * float(np.sum(np.square(correlation)))) / (2.0 * samples))
 
 
-def without_refuted_noise(
-    campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], fitted: int
-) -> Campaign:  # fmt: skip
+def without_refuted_noise(campaign: Campaign, residuals: SignalsByRun, fitted: int) -> Campaign:
     """Lower the noise of the signals of which a fit leaves less than their noise.
 
     Args:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from edhas_jax.core.units import difference_to_si, format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity, SignalsByRun
 from edhas_jax.measurements.unknown_parameters import ParameterScale, uncertain_unknowns
 
 MIN_FACTOR = 5.0  # factor between signal and model below which a wrong model may be the cause
@@ -29,9 +29,7 @@ COMMON_UNITS = {
 LARGEST_SHARE_BEYOND = 0.5  # of samples outside the limits: noise puts half of those at a limit there
 
 
-def check_units(
-    campaign: Campaign, run: BenchRun, name: str, models: Mapping[str, Mapping[str, np.ndarray]], noise_ratio: float
-) -> Iterator[Remark]:
+def check_units(campaign: Campaign, run: BenchRun, name: str, models: SignalsByRun, noise_ratio: float) -> list[Remark]:
     """Check the unit of one signal of one run against the model.
 
     Args:
@@ -41,42 +39,36 @@ def check_units(
         models: signals of the model (samples,) at the time stamps, by run and signal, SI.
         noise_ratio: fast part of the noise of this run over the noise of the signal; see `noise_ratios`.
 
-    Yields:
+    Returns:
         A warning if the signal seems to be in another unit than stated, or to be a gauge pressure.
     """
-    factor = _factor(run, name, models)
-    if factor is None:
-        return
-    stated, unit = campaign.channels[name].unit, campaign.machine.signals[name].unit
+    factor, stated, unit = _factor(run, name, models), campaign.channels[name].unit, campaign.machine.signals[name].unit
+    if factor is None or not _has_shape(run.signals[name], models[run.name][name]):
+        return []
 
-    def warn(sentence: str) -> Remark:
-        return Remark(Severity.WARNING, run.file, 1, f"{name}: {sentence}")
+    def warning(sentence: str) -> list[Remark]:
+        return [Remark(Severity.WARNING, run.file, 1, f"{name}: {sentence}")]
 
-    if not _has_shape(run.signals[name], models[run.name][name]):
-        return
     if max(factor, 1.0 / factor) < MIN_FACTOR:
-        if unit == "Pa" and _is_gauge(run.signals[name], models[run.name][name]):
-            offset = format_quantity(ATMOSPHERE, "Pa")
-            question = "is it a gauge pressure? Pressures must be absolute"
-            yield warn(f"reads {offset} below the model from the start; {question}")
-        return
-    if abs(math.log(factor)) < MAX_PRIOR_DISTANCE * _spread(campaign):
-        return
+        if unit != "Pa" or not _is_gauge(run.signals[name], models[run.name][name]):
+            return []
+        question = "is it a gauge pressure? Pressures must be absolute"
+        return warning(f"reads {format_quantity(ATMOSPHERE, 'Pa')} below the model from the start; {question}")
     size = difference_to_si(f"1 {stated}", unit)
     ratios = {other: size / difference_to_si(f"1 {other}", unit) for other in COMMON_UNITS.get(unit, ())}
     candidates = [o for o, ratio in ratios.items() if _ratio_of(factor, ratio) < UNIT_TOLERANCE and o != stated]
     actual = min(candidates, key=lambda other: _ratio_of(factor, ratios[other]), default=None)
     ratio = 10.0 ** round(np.log10(factor)) if actual is None else ratios[actual]
-    if _ratio_of(factor, ratio) > UNIT_TOLERANCE:
-        return
-    factors = [_factor(other, name, models) for other in campaign.runs]
-    factors = [f for f in factors if f is not None]
+    is_explained = abs(math.log(factor)) < MAX_PRIOR_DISTANCE * _spread(campaign)
+    if is_explained or _ratio_of(factor, ratio) > UNIT_TOLERANCE:
+        return []
+    factors = [f for other in campaign.runs if (f := _factor(other, name, models)) is not None]
     in_all = len(factors) > 1 and max(factors) / min(factors) < RUN_TOLERANCE
-    noise_agrees = _ratio_of(noise_ratio, ratio) < NOISE_TOLERANCE
-    if in_all or noise_agrees or len(factors) == 1:
-        where = "in every run" if in_all else "in this run"
-        question = "is the unit right?" if actual is None else f"are these numbers in {actual}, read as {stated}?"
-        yield warn(f"is {factor:.3g} times the value of the model {where}; {question}")
+    if not in_all and len(factors) > 1 and _ratio_of(noise_ratio, ratio) >= NOISE_TOLERANCE:
+        return []
+    where = "in every run" if in_all else "in this run"
+    question = "is the unit right?" if actual is None else f"are these numbers in {actual}, read as {stated}?"
+    return warning(f"is {factor:.3g} times the value of the model {where}; {question}")
 
 
 def _factor(run: BenchRun, name: str, models: Mapping) -> float | None:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from edhas_jax.core.units import from_si, values_to_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, SignalsByRun
 from edhas_jax.measurements.checks.noise_records import fast_noise
 
 MAX_REVERSED_CORRELATION = -0.8
@@ -26,10 +26,8 @@ MAX_UNEXPLAINED_SHARE = 0.3  # of the signal's standard deviation, by which it d
 MIN_SATURATED_SAMPLES = 30
 USED = "It is used as recorded"
 
-Models = Mapping[str, Mapping[str, np.ndarray]]
 
-
-def check_wiring(campaign: Campaign, run: BenchRun, models: Models) -> Iterator[Remark]:
+def check_wiring(campaign: Campaign, run: BenchRun, models: SignalsByRun) -> Iterator[Remark]:
     """Find the signals of a run that are hardly what they are said to be.
 
     Args:
@@ -61,7 +59,7 @@ def check_wiring(campaign: Campaign, run: BenchRun, models: Models) -> Iterator[
             yield run.warning(f"{name} has the opposite sign of the model; is its sensor reversed? {USED}")
 
 
-def check_saturation(campaign: Campaign, name: str, models: Models) -> Iterator[Remark]:
+def check_saturation(campaign: Campaign, name: str, models: SignalsByRun) -> Iterator[Remark]:
     """Check whether a signal follows the model less and less towards an end of its range, in all runs together.
 
     Args:
