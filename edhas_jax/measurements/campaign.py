@@ -14,10 +14,11 @@ from edhas_jax.core.structs import replace
 from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.set_points import Recorded
-from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, set_parameters
+from edhas_jax.machine.parameters import get_parameter, has_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import OFFSET_OVER_RANGE, BenchAccuracy, with_defaults
 
+CAMPAIGN_FILE = "campaign.yaml"
 SignalsByRun = Mapping[str, Mapping[str, np.ndarray]]  # by run and signal (samples,)
 MAX_LINES = 10  # of a short list of remarks
 MAX_FILES = 3  # that are named beside the first one
@@ -241,6 +242,10 @@ class Campaign:
         counted = f"{runs_text(self.runs)} ({', '.join(uses)}), {len(self.channels)} signals"
         return f"<Campaign: {self.name}, {self.machine.name}, {counted}, {len(self.uncertain)} uncertain parameters>"
 
+    def remark(self, severity: Severity, sentence: str) -> Remark:
+        """A remark on the description of the campaign."""
+        return Remark(severity, self.folder / CAMPAIGN_FILE, 0, sentence)
+
     @functools.cached_property
     def accuracy(self) -> BenchAccuracy:
         """The accuracy of the bench, completed by defaults for every signal and every parameter that a run sets."""
@@ -302,15 +307,6 @@ def runs_text(runs: Iterable[BenchRun]) -> str:
 def count_runs(runs: Iterable[BenchRun]) -> int:
     """The number of runs; the parts of one count once."""
     return len({run.whole for run in runs})
-
-
-def has_parameter(machine: Rig, name: str) -> bool:
-    """Whether a machine has a parameter of that name."""
-    try:
-        find_parameter(machine, name)
-    except ParameterError:
-        return False
-    return True
 
 
 def brief_lines(remarks: Iterable[Remark]) -> list[str]:

@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from edhas_jax.core.literal_text import one_line, yaml_text
+from edhas_jax.machine.parameters import has_parameter
 from edhas_jax.machine.rigs import RIGS, Rig
-from edhas_jax.measurements.campaign import has_parameter
 from edhas_jax.measurements.table_guess import GuessedColumn, Role
 
 # relative standard deviations that are usual for a machine that is known from drawings and data sheets, on which dry

@@ -2,16 +2,14 @@
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from edhas_jax.core import runtime
-from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.machine.parameters import get_parameter, has_parameter
 from edhas_jax.machine.rigs import Rig, Sine
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity, has_parameter
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED, results_beside
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
@@ -139,27 +137,6 @@ def compare(
         tried = f"the model's runs are not valid: with the smallest step tried, {step:.3g} µs"
         remarks.append(campaign.runs[0].warning(f"{tried}, {sentence}"))
     return Comparison(campaign, machine, replay, resolution, tuple(compared), tuple(remarks))
-
-
-def bench_corrected_errors(comparison: Comparison, model: Path | str) -> dict[str, dict[str, float]]:
-    """Residual over noise by run and signal with the bench corrected, as the fit of a model has left it.
-
-    Args:
-        comparison: of this model with the measurements.
-        model: file of the configuration of the model; the result of its fit lies beside it.
-
-    Returns:
-        The errors of the runs and signals of the comparison; empty where there is no such result, where nothing of the
-        bench was estimated with the model, and where a measured signal drives it.
-    """
-    for _, found in results_beside(model) if comparison.replay is Replay.SET_POINT else ():
-        try:
-            if found[IS_CORRECTED]:
-                errors = {run: found[ERROR_BY_RUN].get(run, {}) for run in comparison.rms_over_noise()}
-                return {run: {n: float(v) for n, v in row.items() if v is not None} for run, row in errors.items()}
-        except (KeyError, TypeError, ValueError, AttributeError):
-            continue
-    return {}
 
 
 def _sine_set_point(machine: Rig) -> tuple[float, float]:

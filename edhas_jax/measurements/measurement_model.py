@@ -9,9 +9,9 @@ import jax
 import numpy as np
 
 from edhas_jax.machine.components.set_points import Steps
-from edhas_jax.machine.parameters import ParameterError, get_parameter, short_names
+from edhas_jax.machine.parameters import ParameterError, get_parameter, has_parameter, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Campaign, has_parameter
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay, machine_with_replay
 from edhas_jax.measurements.unknown_parameters import ShapeCoefficient, UnknownParameter

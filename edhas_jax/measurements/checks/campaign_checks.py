@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity, SignalsByRun
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
 from edhas_jax.measurements.checks.impossible_samples import (
     find_impossible_samples,
@@ -111,10 +110,10 @@ def _with_runs(campaign: Campaign, runs: list[BenchRun]) -> Campaign:
 def _without_unknown_noise(campaign: Campaign) -> tuple[Campaign, list[Remark]]:
     """The campaign without the signals whose noise is neither stated nor measured, and a remark on each."""
     unknown = [name for name, channel in campaign.channels.items() if not math.isfinite(channel.noise)]
-    file, sentence = campaign.folder / CAMPAIGN_FILE, f"{UNKNOWN_NOISE}; the signal is left out"
+    sentence = f"{UNKNOWN_NOISE}; the signal is left out"
     channels = {name: channel for name, channel in campaign.channels.items() if name not in unknown}
     runs = tuple(run.without_signals(unknown) for run in campaign.runs) if unknown else campaign.runs
-    remarks = [Remark(Severity.ERROR, file, 0, f"{name}: {sentence}") for name in unknown]
+    remarks = [campaign.remark(Severity.ERROR, f"{name}: {sentence}") for name in unknown]
     return dataclasses.replace(campaign, channels=channels, runs=runs), remarks
 
 

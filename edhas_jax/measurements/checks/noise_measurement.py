@@ -22,7 +22,6 @@ import numpy as np
 
 from edhas_jax.core.units import from_si
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity, SignalsByRun
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
 from edhas_jax.measurements.checks import noise_records as records
 from edhas_jax.measurements.checks.noise_correlation import Autocovariance, autocorrelation_of, autoregression
 
@@ -267,7 +266,7 @@ def noise_sentence(campaign: Campaign) -> str | None:
 def noise_remarks(campaign: Campaign) -> list[Remark]:
     """The `noise_sentence` as a remark on the campaign's file; empty where there is none."""
     sentence = noise_sentence(campaign)
-    return [] if sentence is None else [Remark(Severity.WARNING, campaign.folder / CAMPAIGN_FILE, 0, sentence)]
+    return [] if sentence is None else [campaign.remark(Severity.WARNING, sentence)]
 
 
 def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:

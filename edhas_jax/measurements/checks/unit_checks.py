@@ -119,4 +119,4 @@ def limits_remarks(campaign: Campaign) -> Iterator[Remark]:
         asked = f"are they in {unit}?" if unit else "are they those of this sensor?"
         ends = " … ".join(format_quantity(end, about.unit) for end in (low, high))
         sentence = f"{name}: {100 * share:.0f} % of the samples lie outside the stated limits {ends}; {asked}"
-        yield Remark(Severity.WARNING, campaign.folder / "campaign.yaml", 0, sentence)
+        yield campaign.remark(Severity.WARNING, sentence)
