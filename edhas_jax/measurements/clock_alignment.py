@@ -67,10 +67,6 @@ def find_clock_shifts(campaign: Campaign, parts: Parts, steps_per_sample: int) -
         parts: the parts of the run, one for each time axis.
         steps_per_sample: time steps per sample of the simulations.
     """
-
-    def cost(moved: Parts) -> float:
-        return _misfit(campaign, moved, steps_per_sample)
-
     clocks = campaign.stated_accuracy.clocks
     found: dict[str, float] = dict.fromkeys(clocks, 0.0)
     for _ in range(SWEEPS if len(clocks) > 1 else 1):
@@ -78,7 +74,7 @@ def find_clock_shifts(campaign: Campaign, parts: Parts, steps_per_sample: int) -
             moved = parts
             for other in (o for o in clocks if o != name):
                 moved = shifted(moved, clocks[other], found[other])
-            found[name] = _best_shift(moved, clock, cost)
+            found[name] = _best_shift(moved, clock, lambda parts: _misfit(campaign, parts, steps_per_sample))
     return {name: shift for name, shift in found.items() if shift}
 
 

@@ -153,22 +153,17 @@ def find_outliers(
     Returns:
         A mask (samples,) for each record.
     """
-    found = [np.zeros(len(record.values), bool) for record in records]
-    if with_excursions:
-        found = [find_excursions(record, noise) for record in records]
+    found = [find_excursions(r, noise) if with_excursions else np.zeros(len(r.values), bool) for r in records]
     for gap in GAPS:
         test = GapTest(gap, NEIGHBOURS, noise, correlation)
-        rows = [_suspects(_bridged(r, mask), test) for r, mask in zip(records, found, strict=True)]
+        # a straight line in place of the samples that are known to be wrong
+        mended = [r._replace(values=bridged(r.values, mask)) for r, mask in zip(records, found, strict=True)]
+        rows = [_suspects(record, test) for record in mended]
         limit = _largest_probability([p for row in rows for p in row.probability], sum(map(len, found)))
         for mask, row in zip(found, rows, strict=True):
             for first in row.first[row.probability <= limit]:
                 mask[first : first + gap] = True
     return found
-
-
-def _bridged(record: Record, wrong: np.ndarray) -> Record:
-    """A record with a straight line in place of the samples that are known to be wrong."""
-    return record._replace(values=bridged(record.values, wrong))
 
 
 def bridged(values: np.ndarray, gaps: np.ndarray) -> np.ndarray:
