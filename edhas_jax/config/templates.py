@@ -44,21 +44,10 @@ def machine_template(kind: str, name: str) -> str:
     rig, effects, drive, first, duration = BEGINNINGS[kind]
     machine = rig(effects=tuple(effect() for effect in effects))
     names, rows = short_names(machine), list_parameters(machine)
-    lines = [
-        f"# {rig.__doc__.strip().splitlines()[0]}",
-        "# Run it with: edhas simulate FILE. Completion in an editor: edhas schema > edhas.schema.json",
-        f"name: {yaml_text(name)}",
-        f"rig: {rig.name}",
-        "",
-        "# Effects, each of which can be taken out; `edhas effects` lists all, your own are my_effects.py:ClassName.",
-        f"effects: [{', '.join(effect.id for effect in effects)}]",
-        "",
-        drive,
-    ]
-    for section in (s for s in COMPONENT_KINDS if hasattr(machine, s) and not drive.startswith(s)):
-        lines.append(f"# {section}: {{kind: KIND}}  # one of {', '.join(COMPONENT_KINDS[section])}")
-    lines += ["", "# What is not named keeps its default, which stands here; take away the # to change it."]
-    lines.append("parameters:")
+    kinds = {section: COMPONENT_KINDS[section] for section in COMPONENT_KINDS if hasattr(machine, section)}
+    others = [f"# {section}: {{kind: KIND}}  # one of {', '.join(of)}" for section, of in kinds.items()
+              if not drive.startswith(section)]  # fmt: skip
+    lines = []
     for path in (p for p in components_by_name(machine) if p not in COMPONENT_KINDS):
         own = [(p, value) for p, value, owner in rows if owner == path]
         lines += [f"  # {path}"] if own else []
@@ -66,10 +55,11 @@ def machine_template(kind: str, name: str) -> str:
             mark = "" if p.name == first else "# "
             about = f"{one_line(p.doc)} ({format_span(p)})"
             lines.append(f"  {mark}{names[path, p.name]}: {exact_quantity(value, p.unit)}  # {about}")
-    lines += ["", "simulation:", f"  duration: {duration}", "  sample_rate: 5 kHz",
-              "  # step: 20 µs        # chosen by the program where it is left out",
-              "  # accuracy: 0.5 %    # or: halve the step until every signal is so accurate", ""]  # fmt: skip
-    return "\n".join(lines)
+    return filled(
+        "machine.yaml", about=rig.__doc__.strip().splitlines()[0], name=yaml_text(name), rig=rig.name, drive=drive,
+        effects=", ".join(effect.id for effect in effects), others="\n".join(others), parameters="\n".join(lines),
+        duration=duration,
+    )  # fmt: skip
 
 
 def task_template(kind: str, name: str) -> str:

@@ -219,16 +219,16 @@ def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
     level = _weighted_median(levels, samples)
     quiet = np.concatenate(quiet)
     ratio = float(np.quantile(quiet, QUIET_SHARE)) / QUIET_MEAN_SQUARE if len(quiet) else 1.0
+    low, high, correlation = level, level, ()
     if ratio < MIN_WHITE_RATIO:
-        return MeasuredNoise(math.sqrt(ratio) * level, level, level, (), sum(samples))
-    if ratio < MAX_WHITE_RATIO:
-        return MeasuredNoise(level, level, level, (), sum(samples))
-    ratios = [_mean_square_ratio(a, SLOW) / _mean_square_ratio(a, FAST) for a in FIRST_ORDER]
-    if ratio > ratios[-1]:  # the signal is nowhere quiet
-        return MeasuredNoise(level, math.inf, level, (), sum(samples))
-    coefficient = float(np.interp(ratio, ratios, FIRST_ORDER))
-    high = level / math.sqrt(_mean_square_ratio(coefficient, FAST))
-    return MeasuredNoise(level, high, level, (coefficient,), sum(samples))
+        low = math.sqrt(ratio) * level
+    elif ratio >= MAX_WHITE_RATIO:
+        ratios = [_mean_square_ratio(a, SLOW) / _mean_square_ratio(a, FAST) for a in FIRST_ORDER]
+        high = math.inf  # the signal is nowhere quiet
+        if ratio <= ratios[-1]:
+            correlation = (float(np.interp(ratio, ratios, FIRST_ORDER)),)
+            high = level / math.sqrt(_mean_square_ratio(*correlation, FAST))
+    return MeasuredNoise(low, high, level, correlation, sum(samples))
 
 
 def _mean_square_ratio(coefficient: float, half_width: int) -> float:
