@@ -12,11 +12,10 @@ from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity, from_si
 from edhas_jax.machine.effects.loading import effect_spec
 from edhas_jax.machine.interface.signals import Signal
-from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, list_parameters, short_names
+from edhas_jax.machine.parameters import COMPONENT_KINDS, find_parameter, has_parameter, list_parameters, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy
-from edhas_jax.measurements.campaign import Campaign, CampaignError, Spread, has_parameter, spread_entry
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
+from edhas_jax.measurements.campaign import CAMPAIGN_FILE, Campaign, CampaignError, Spread, spread_entry
 from edhas_jax.measurements.record_timing import START_TOLERANCE
 
 NUMBER_FORMAT = "%.6g"

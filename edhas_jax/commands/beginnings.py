@@ -17,9 +17,7 @@ def new(options) -> None:
         CampaignError: the folder of a campaign is not empty or cannot be written.
         RigError: the rig of a campaign cannot be loaded.
     """
-    from edhas_jax.config.machine_template import write_machine_template
-    from edhas_jax.config.rig_template import write_rig_template
-    from edhas_jax.config.task_template import TASKS, write_task_template
+    from edhas_jax.config.templates import TASKS, write_beginning, write_rig_template
 
     kind = options.kind
     if kind == "campaign":
@@ -28,9 +26,9 @@ def new(options) -> None:
         file, configuration, name = write_rig_template(options.path or Path("my_rig.py"), options.overwrite)
         say(options, f"written: {file}, {configuration}", f"next: edhas check {quoted(file)}:{name}")
     else:
-        write, follow = (write_task_template, kind) if kind in TASKS else (write_machine_template, "simulate")
-        path = write(kind, options.path or Path(f"my_{kind}.yaml"), options.overwrite)
-        say(options, f"written: {path}", f"next: edhas {follow} {quoted(path)}")
+        path = write_beginning(kind, options.path or Path(f"my_{kind}.yaml"), options.overwrite)
+        command = kind if kind in TASKS else "simulate"
+        say(options, f"written: {path}", f"next: edhas {command} {quoted(path)}")
 
 
 def new_campaign(options) -> None:

@@ -16,8 +16,8 @@ from edhas_jax.config.result_files import (
     holds_nothing,
     locked_folder,
     report_write_errors,
+    require_new,
 )
-from edhas_jax.config.run_folder import require_new_folder
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.units import to_si
 from edhas_jax.machine.effects.loading import load_effect
@@ -227,7 +227,7 @@ def _choose_folder(options, name: str, identity: dict[str, str]) -> tuple[Path, 
                 f"{changed} changed."
             )
     if unfinished.get(folder) is None and not holds_nothing(folder):
-        require_new_folder(folder, options.overwrite)
+        require_new(folder, options.overwrite)
     return folder, sentences
 
 

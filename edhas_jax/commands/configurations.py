@@ -11,7 +11,7 @@ from edhas_jax.commands.console import finish, quoted, say
 from edhas_jax.commands.options import output_folder, own_code, require_own_code
 from edhas_jax.commands.progress import WorkProgress
 from edhas_jax.config.machine_config import read_config
-from edhas_jax.config.run_folder import ResultFileError, require_new_folder
+from edhas_jax.config.result_files import ResultFileError, require_new
 from edhas_jax.core.summary import Summary, SummaryTable
 
 
@@ -26,7 +26,7 @@ def simulate(options) -> int:
     config = read_config(options.config, options.overrides, own_code(options))
     require_own_code(options, config.machine)
     folder = output_folder(options, "runs", options.config.stem)
-    require_new_folder(folder, options.overwrite)
+    require_new(folder, options.overwrite)
     began = time.perf_counter()
     with WorkProgress(options, "compiling and simulating") as progress:
         result = simulate(config, on_progress=lambda share: progress("simulating", share))

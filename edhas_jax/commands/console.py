@@ -129,8 +129,8 @@ def quoted(path: Path | str) -> str:
 
 def print_data_check(out, campaign, more=()) -> None:
     """Print what the check of a campaign found, and more remarks: the noise first, then at most ten lines."""
+    from edhas_jax.measurements.campaign import brief_lines
     from edhas_jax.measurements.checks.noise_measurement import noise_sentence
-    from edhas_jax.measurements.remark_list import brief_lines
 
     noise = noise_sentence(campaign)
     remarks = [remark for remark in (*campaign.remarks, *more) if remark.sentence != noise]

@@ -115,7 +115,7 @@ def _one_effect(effect) -> Summary:
 
 def schema(options) -> None:
     """Print the JSON schema of a kind of file, or the table of its keys."""
-    from edhas_jax.config.law_reader import LAW
+    from edhas_jax.config.law_file import LAW
     from edhas_jax.config.machine_keys import machine_keys, machine_schema
     from edhas_jax.design.sensitivity.config import KEYS as SENSITIVITY
     from edhas_jax.design.sizing.config import KEYS as SIZE

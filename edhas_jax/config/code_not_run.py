@@ -1,6 +1,7 @@
 """What stands for the user's code in a result that is opened without running it."""
 
-from typing import NoReturn
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
@@ -12,7 +13,7 @@ def effect_not_run(spec: str) -> Effect:
     def mover_force(self, s, z) -> NoReturn:
         raise EffectError(_sentence(spec))
 
-    return type(_class_name(spec), (Effect,), _declaration(spec) | {"mover_force": mover_force})()
+    return _stand_in(spec, Effect, mover_force)
 
 
 def controller_not_run(spec: str) -> Controller:
@@ -21,7 +22,7 @@ def controller_not_run(spec: str) -> Controller:
     def command(self, y, s) -> NoReturn:
         raise ControllerError(_sentence(spec))
 
-    return type(_class_name(spec), (Controller,), _declaration(spec) | {"command": command})()
+    return _stand_in(spec, Controller, command)
 
 
 def require_code(machine) -> None:
@@ -36,13 +37,10 @@ def require_code(machine) -> None:
             raise EffectError(_sentence(spec))
 
 
-def _declaration(spec: str) -> dict:
-    return {"__module__": __name__, "__doc__": f"Of {spec}, which was not run.", "_spec_not_run": spec}
-
-
-def _class_name(spec: str) -> str:
-    name = spec.rpartition(":")[2].strip()
-    return name if name.isidentifier() else "NotRun"
+def _stand_in(spec: str, base: type, method: Callable) -> Any:
+    name, about = spec.rpartition(":")[2].strip(), {"__doc__": f"Of {spec}, which was not run.", "_spec_not_run": spec}
+    own = {"__module__": __name__, method.__name__: method} | about
+    return type(name if name.isidentifier() else "NotRun", (base,), own)()
 
 
 def _sentence(spec: str) -> str:

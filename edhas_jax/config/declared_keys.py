@@ -127,8 +127,7 @@ def quantity(p: Parameter, in_percent: bool = False, reason: str = "") -> Kind:
     allowed = f"{shown(low)} … {shown(high)}"
 
     def read(entry: Entry) -> float | None:
-        value = _number_text(entry, shown(p.default))
-        value = None if value is None else _in_si(entry, value, p.unit, shown(p.default))
+        value = _in_si(entry, p.unit, shown(p.default), shown(p.default))
         if value is None or low <= value <= high * (1.0 + ROUNDING):
             return value
         return entry.add(f"must lie in {allowed} ({p.doc}); got {shown(value)}{reason if value > high else ''}")
@@ -156,8 +155,7 @@ def size_in(
     usual = example or format_quantity(1.0, unit)
 
     def read(entry: Entry) -> float | None:
-        value = _number_text(entry, usual, what or "a quantity")
-        value = None if value is None else _in_si(entry, value, unit, example, is_difference)
+        value = _in_si(entry, unit, usual, example, what or "a quantity", is_difference)
         if value is None or (value > least or value == least and not above) and value <= most:
             return value
         limit = f"above {least:g}" if above else f"{least:g} or above"
@@ -169,18 +167,17 @@ def size_in(
     return Kind(read, {"type": ["string", "number"]}, f"such as `{usual}`")
 
 
-def _number_text(entry: Entry, example: str, what: str = "a quantity") -> str | None:
-    """A number with or without unit as text; None after a problem."""
-    if isinstance(entry.value, numbers.Real) and not isinstance(entry.value, bool):
-        return repr(float(entry.value))
-    if isinstance(entry.value, str):
-        return entry.value
-    if entry.value is None:
-        return entry.add(f"a value is missing; write for example {example}")
-    return entry.add(f"{what} such as {example} belongs here, not {yaml_type(entry.value)}")
-
-
-def _in_si(entry: Entry, given: str, unit: str, example: str, is_difference: bool = False) -> float | None:
+def _in_si(
+    entry: Entry, unit: str, usual: str, example: str, what: str = "a quantity", is_difference: bool = False
+) -> float | None:
+    """A number with its unit in SI; None after a problem, which names `usual` or `example`."""
+    given = entry.value
+    if isinstance(given, numbers.Real) and not isinstance(given, bool):
+        given = repr(float(given))
+    if given is None:
+        return entry.add(f"a value is missing; write for example {usual}")
+    if not isinstance(given, str):
+        return entry.add(f"{what} such as {usual} belongs here, not {yaml_type(given)}")
     try:
         return (difference_to_si if is_difference else to_si)(given, unit, example)
     except UnitError as error:
@@ -255,9 +252,8 @@ class Key:
     def default_text(self) -> str:
         """The default, for a table and a schema."""
         default = self.default.value if isinstance(self.default, enum.Enum) else self.default
-        return self.shown or (
-            f"{default:,}" if isinstance(default, int) else default if isinstance(default, str) else ""
-        )
+        text = f"{default:,}" if isinstance(default, int) else default if isinstance(default, str) else ""
+        return self.shown or text
 
 
 @dataclasses.dataclass(frozen=True)

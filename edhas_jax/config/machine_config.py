@@ -94,9 +94,8 @@ def build_config(
         ConfigError: the mapping or an override has problems; all are listed.
     """
     if not isinstance(mapping, Mapping):
-        raise ConfigError(
-            f"a mapping with the keys {', '.join(machine_keys().keys)} is needed, not {yaml_type(mapping)}"
-        )
+        keys = ", ".join(machine_keys().keys)
+        raise ConfigError(f"a mapping with the keys {keys} is needed, not {yaml_type(mapping)}")
     document = Document(mapping, ConfigError, "rig: pump_bench")
     reader = MachineReader(document.top, Path(base_dir), overrides, trust)
     document.finish()

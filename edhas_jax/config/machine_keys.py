@@ -15,7 +15,7 @@ from edhas_jax.config.declared_keys import (
     quantity,
     text_value,
 )
-from edhas_jax.config.law_reader import LAW
+from edhas_jax.config.law_file import LAW
 from edhas_jax.config.recorded_signal import RECORDING
 from edhas_jax.config.run_settings import simulation_keys
 from edhas_jax.core import structs

@@ -1,6 +1,6 @@
 """Reads the mapping of a configuration: makes the machine and the settings of its run, or lists all problems."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,26 +8,28 @@ import numpy as np
 
 from edhas_jax.config.code_not_run import controller_not_run, effect_not_run
 from edhas_jax.config.declared_keys import quantity
-from edhas_jax.config.document import Entry
-from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law_file
-from edhas_jax.config.law_reader import read_law
-from edhas_jax.config.machine_checks import check_machine
+from edhas_jax.config.document import Entry, Problem
+from edhas_jax.config.law_file import LAW_SUFFIXES, LawError, read_law, read_law_file
 from edhas_jax.config.machine_keys import SHORT_NAMES, machine_keys
 from edhas_jax.config.recorded_signal import RECORDING, RecordingError, decode_samples, read_recording
 from edhas_jax.config.run_settings import SIMULATION_SETTINGS, read_settings
 from edhas_jax.config.writer import config_kind
-from edhas_jax.config.yaml_with_lines import key_text, yaml_type
+from edhas_jax.config.yaml_with_lines import KeyPath, key_text, yaml_type
 from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.source_location import is_users_code
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
-from edhas_jax.core.units import UnitError, to_si, with_article
+from edhas_jax.core.units import UnitError, format_quantity, to_si, with_article
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
+from edhas_jax.machine.components.controller_sampling import Sampled
+from edhas_jax.machine.components.controllers import OpenLoop
+from edhas_jax.machine.components.cylinder import Cylinder
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.effects import Effect, EffectError
 from edhas_jax.machine.effects.loading import load_effect
-from edhas_jax.machine.effects.tabulated_law import rig_of
-from edhas_jax.machine.effects.validation import check_effect
+from edhas_jax.machine.effects.tabulated_law import rig_of, table_of
+from edhas_jax.machine.effects.validation import check_derivatives, check_effect
 from edhas_jax.machine.interface.controller_base import Controller, ControllerError
 from edhas_jax.machine.own_rig import load_rig
 from edhas_jax.machine.parameters import (
@@ -36,6 +38,7 @@ from edhas_jax.machine.parameters import (
     component_kinds,
     find_parameter,
     list_parameters,
+    order_problems,
     replace_value,
 )
 from edhas_jax.machine.rig_base import Rig, RigError
@@ -43,6 +46,8 @@ from edhas_jax.machine.rigs import RIGS
 from edhas_jax.machine.user_controller import check_controller, load_controller
 
 SETTING_NAMES = (*SIMULATION_SETTINGS, "precision")
+ORDER_CHECKED_BELOW = ("cylinder", "sampling")  # components whose order of parameters has a sentence of its own
+Given = Mapping[tuple[str, str], KeyPath]  # the key of every parameter that the configuration sets, by path and name
 
 
 def read_rig(entry: Entry, base_dir: Path, trust: Trust) -> type[Rig] | None:
@@ -107,9 +112,8 @@ class MachineReader:
         settings, self._overrides = self._split_overrides(overrides)
         self._rig = read_rig(top["rig"], base_dir, self._trust)
         self._keys = machine_keys(self._rig or Rig)
-        if self._rig is not None or not _names_code(
-            top["rig"].value
-        ):  # the drives of a rig that is not read are unknown
+        # the drives of a rig of one's own that cannot be read are unknown
+        if self._rig is not None or not _names_code(top["rig"].value):
             self._keys.refuse_others(top.mapping(""))
         self.name = self._keys.keys["name"].kind.read(top["name"]) or ""
         self.simulation = read_settings(top["simulation"], settings, self._rig or Rig)
@@ -142,7 +146,14 @@ class MachineReader:
         for read in (self._effects, self._parameters, self._apply_overrides, self._recorded_inputs):
             m = read(m)
         given = {name: entry.key for name, entry in self._given.items()}
-        self._top.problems += check_machine(m, given, self._incomplete)
+        for check in (_check_order, _check_tables, _check_cylinder, _check_chirps, _check_sampling):
+            self._top.problems += check(m, given)
+        if not self._incomplete:
+            self._top.problems += _check_open_loop(m, given)
+            try:
+                check_derivatives(m)
+            except EffectError as error:
+                self._top["rig" if is_users_code(type(m)) else "effects"].add(str(error))
         m = structs.replace(m, effects=(*m.effects, *self._effects_left_out))
         return structs.replace(m, controller=self._controller_left_out) if self._controller_left_out else m
 
@@ -349,3 +360,56 @@ class MachineReader:
 def _has_parameter(cls: type, name: str) -> bool:
     """Whether a component has a parameter of this name, full or short."""
     return SHORT_NAMES.get(cls, {}).get(name, name) in (p.name for p in structs.parameters(cls))
+
+
+# checks of what the range of a single parameter cannot express
+
+
+def _key(given: Given, *names: tuple[str, str]) -> KeyPath:
+    """The key of the first of some parameters that the configuration sets; of the first one where it sets none."""
+    return next((given[name] for name in names if name in given), names[0])
+
+
+def _check_order(m: Rig, given: Given) -> Iterator[Problem]:
+    for path, p, problem in order_problems(m):
+        if path not in ORDER_CHECKED_BELOW:
+            yield _key(given, (path, p.name), (path, p.at_least)), problem
+
+
+def _check_tables(m: Rig, given: Given) -> Iterator[Problem]:
+    for effect in m.effects:
+        table = table_of(effect)
+        for k in () if table is None else np.flatnonzero(np.diff(table.nodes) == 0.0):
+            key = _key(given, (effect.id, f"node_{k + 2}"), (effect.id, f"node_{k + 1}"))
+            yield key, f"node_{k + 1} and node_{k + 2} of {effect.id} coincide; nodes must increase"
+
+
+def _check_cylinder(m: Rig, given: Given) -> Iterator[Problem]:
+    if isinstance(getattr(m, "cylinder", None), Cylinder) and not m.cylinder.cylinder_rod < m.cylinder.cylinder_bore:
+        key = given.get(("cylinder", "cylinder_rod"), _key(given, ("cylinder", "cylinder_bore")))
+        rod, bore = (format_quantity(x, "m") for x in (m.cylinder.cylinder_rod, m.cylinder.cylinder_bore))
+        yield key, f"the rod ({rod}) must be thinner than the bore ({bore}) of the cylinder"
+
+
+def _check_chirps(m: Rig, given: Given) -> Iterator[Problem]:
+    for section in dict.fromkeys((*m.drives, "reference", "target")):
+        for name in ("start_frequency", "end_frequency"):
+            if getattr(getattr(m, section, None), name, 1.0) <= 0.0:
+                yield _key(given, (section, name)), "must be above 0 Hz for a chirp"
+
+
+def _check_sampling(m: Rig, given: Given) -> Iterator[Problem]:
+    sampling = getattr(m, "sampling", None)
+    if isinstance(sampling, Sampled) and sampling.computation_delay > sampling.sample_time:
+        key = given.get(("sampling", "computation_delay"), ("sampling", "sample_time"))
+        limit = format_quantity(sampling.sample_time, "s")
+        yield key, f"at most one sample time ({limit}) can pass from a sample to its command"
+
+
+def _check_open_loop(m: Rig, given: Given) -> Iterator[Problem]:
+    reference = getattr(m, "reference", None)
+    if isinstance(getattr(m, "controller", None), OpenLoop) and not isinstance(reference, Recorded | None):
+        name = "step_size" if hasattr(reference, "step_size") else "amplitude"
+        if ("reference", name) not in given:
+            message = "missing; with an open-loop controller the reference is the command"
+            yield ("reference", name), f"{message}, write for example `{name}: 12 V`"

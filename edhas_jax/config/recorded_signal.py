@@ -6,6 +6,7 @@ import math
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -144,17 +145,20 @@ def recorded_from_samples(
         RecordingError: fewer than 2 samples, a value that is not finite, a time that decreases, or gaps too long to
             fill.
     """
+
+    def refuse(problem: str) -> NoReturn:
+        raise RecordingError("file", f"{path}: {problem}")
+
     invalid = ~(np.isfinite(time) & np.isfinite(values))
     if invalid.any():
-        number = int(np.argmax(invalid)) + 1
-        raise RecordingError("file", f"{path}: sample {number} is not a finite number (NaN or inf)")
+        refuse(f"sample {int(np.argmax(invalid)) + 1} is not a finite number (NaN or inf)")
     if (np.diff(time) < 0.0).any():
         k = int(np.argmax(np.diff(time) < 0.0)) + 1
-        raise RecordingError("file", f"{path}: time must increase, but sample {k + 1} ({time[k]:g} s) does not come "
-                                      f"after sample {k} ({time[k - 1]:g} s)")  # fmt: skip
+        order = f"sample {k + 1} ({time[k]:g} s) does not come after sample {k} ({time[k - 1]:g} s)"
+        refuse(f"time must increase, but {order}")
     time, first, count = np.unique(time, return_index=True, return_counts=True)
     if len(time) < 2:
-        raise RecordingError("file", f"{path}: at least 2 samples are needed; there are {len(time)}")
+        refuse(f"at least 2 samples are needed; there are {len(time)}")
     before, values = values[first], values[first + count - 1]
     if between is Between.HOLD:
         return Recorded.held(time, values)
@@ -170,12 +174,11 @@ def recorded_from_samples(
 
         count = math.floor((time[-1] - time[0]) / interval * (1.0 + 1e-9)) + 1
         if count > MAX_SAMPLES:
-            raise RecordingError("file", f"{path}: time has gaps too long to fill at the median step of "
-                                          f"{format_quantity(interval, 's')}")  # fmt: skip
+            refuse(f"time has gaps too long to fill at the median step of {format_quantity(interval, 's')}")
         uniform_time = np.minimum(time[0] + interval * np.arange(count), time[-1])
         values = PchipInterpolator(time, values)(uniform_time)
         if count < 2:
-            raise RecordingError("file", f"{path}: the time steps are too unequal to be brought to one step")
+            refuse("the time steps are too unequal to be brought to one step")
     return Recorded(values=np.asarray(values, float), interval=interval, start=float(time[0]), steps=steps)
 
 

@@ -22,6 +22,16 @@ class ResultFileError(ValueError):
     """A result file or folder cannot be written, or is not a valid result."""
 
 
+def require_new(path: Path, overwrite: bool, what: str = "folder") -> None:
+    """Refuse a folder or file that exists, unless it may be overwritten; call it before a long computation.
+
+    Raises:
+        ResultFileError: it exists and `overwrite` is false.
+    """
+    if path.exists() and not overwrite:
+        raise ResultFileError(f"{path}: exists already; nothing was written. Name another {what} or add --overwrite")
+
+
 class ResultFiles:
     """The files that a command writes into a folder; made before a long computation, to refuse what is not allowed.
 
@@ -36,10 +46,7 @@ class ResultFiles:
 
     def __init__(self, folder: Path, overwrite: bool, names: Sequence[str]):
         self.folder, self._names, self._before = Path(folder), tuple(names), {}
-        if self.folder.exists() and not overwrite:
-            raise ResultFileError(
-                f"{folder}: exists already; nothing was written. Name another folder or add --overwrite"
-            )
+        require_new(self.folder, overwrite)
         if self.folder.exists() and not self.folder.is_dir():
             raise ResultFileError(f"{folder}: is not a folder; nothing was written")
         self._listed = (read_list(self.folder) or {}).get("names", [])

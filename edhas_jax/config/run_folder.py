@@ -14,7 +14,6 @@ from typing import Any
 
 import jax
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -55,16 +54,6 @@ def named_folder(parent: Path, name: str) -> Path:
     return parent / file_name(name)
 
 
-def require_new_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse a folder that exists, unless it may be overwritten; call it before a long computation.
-
-    Raises:
-        ResultFileError: the folder exists and `overwrite` is false.
-    """
-    if folder.exists() and not overwrite:
-        raise ResultFileError(f"{folder}: exists already; nothing was written. Name another folder or add --overwrite")
-
-
 def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool = True) -> Path:
     """Write a run folder: signals, ledger, metrics, configuration, manifest and figure.
 
@@ -84,7 +73,6 @@ def save_run(run: Run, folder: str | Path, overwrite: bool = False, figure: bool
         ResultFileError: the folder exists and `overwrite` is false, or is not a run folder, or cannot be written.
     """
     folder = Path(folder)
-    require_new_folder(folder, overwrite)
     replaced = ResultFiles(folder, overwrite, RUN_FILES)
     if folder.exists() and not (folder / MANIFEST_FILE).exists():
         raise ResultFileError(f"{folder}: is not a run folder, so it is not overwritten")
@@ -149,10 +137,8 @@ def _write_files(folder: Path, run: Run, figure: bool) -> None:
 
 def _table(columns: dict, units: dict[str, str], groups: dict[str, str] | None = None) -> pa.Table:
     """A table of float64 columns with the unit of each, and its group if it has one, in its metadata."""
-    metadata = {n: {"unit": units[n]} for n in columns}
-    for name, group in (groups or {}).items():
-        metadata[name]["group"] = group
-    fields = [pa.field(n, pa.float64(), metadata=metadata[n]) for n in columns]
+    of_group = {name: {"group": group} for name, group in (groups or {}).items()}
+    fields = [pa.field(n, pa.float64(), metadata={"unit": units[n]} | of_group.get(n, {})) for n in columns]
     return pa.table([pa.array(np.asarray(v, float)) for v in columns.values()], schema=pa.schema(fields))
 
 
@@ -200,9 +186,9 @@ def open_run(folder: str | Path, trust: Iterable[str | Path] = ()) -> Run:
         step, note = float(manifest["step"]), str(manifest["step_note"])
         # a run of a former version has no status
         status = (Status[manifest["status"].upper()], str(manifest["reason"])) if "status" in manifest else None
-        signals = _columns(pd.read_parquet(folder / SIGNALS_FILE))
-        ledger = _columns(pd.read_parquet(folder / LEDGER_FILE))
-        groups = _groups(pq.read_schema(folder / LEDGER_FILE))
+        tables = [pq.read_table(folder / name) for name in (SIGNALS_FILE, LEDGER_FILE)]
+        signals, ledger = ({n: np.array(table[n]) for n in table.column_names} for table in tables)
+        groups = _groups(tables[1].schema)
     except ResultFileError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, pa.ArrowException) as error:
@@ -224,7 +210,3 @@ def _groups(schema: pa.Schema) -> dict[str, str] | None:
     if not all(b"group" in metadata for metadata in rows.values()):
         return None
     return {name: metadata[b"group"].decode() for name, metadata in rows.items()}
-
-
-def _columns(table: pd.DataFrame) -> dict[str, np.ndarray]:
-    return {n: table[n].to_numpy() for n in table.columns}

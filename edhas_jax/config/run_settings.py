@@ -50,13 +50,13 @@ def read_settings(section: Entry, overrides: Mapping[str, str], rig: type[Rig] =
     keys = simulation_keys(rig)
     entries = section.mapping(keys.example)
     keys.refuse_others(entries)
-    if set(entries) >= STEP_OR_ACCURACY:
-        entries["accuracy"].add("given together with `step`; give one of them")
-    if STEP_OR_ACCURACY & set(overrides):
+    overriding = {name: Entry(value, (f"--set {name}",), section.problems) for name, value in overrides.items()}
+    for given in (entries, overriding):
+        if given.keys() >= STEP_OR_ACCURACY:
+            given["accuracy"].add("given together with `step`; give one of them")
+    if STEP_OR_ACCURACY & overriding.keys():
         entries = {name: entry for name, entry in entries.items() if name not in STEP_OR_ACCURACY}
-    entries |= {name: Entry(value, (f"--set {name}",), section.problems) for name, value in overrides.items()}
-    if set(overrides) >= STEP_OR_ACCURACY:
-        entries["accuracy"].add("given together with `step`; give one of them")
+    entries |= overriding
     values = {name: keys.keys[name].kind.read(entry) for name, entry in entries.items() if name in keys.keys}
     settings = Simulation(**{name: value for name, value in values.items() if value is not None})
     settings = dataclasses.replace(settings, sample_rate=settings.rate(rig))

@@ -50,11 +50,11 @@ def parse_yaml(
         node = yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        if "nesting depth" in (error.problem or ""):  # of PyYAML from 6.0.4 on, before all events are read
+        problem, message = error.problem or "", f"not YAML: {error.problem}"
+        if "nesting depth" in problem:  # of PyYAML from 6.0.4 on, before all events are read
             message = f"nested too deeply; at most {MAX_DEPTH} levels"
-            raise YamlError(mark.line + 1 if mark else 0, message) from None
-        tab = "'\\t'" in (error.problem or "")
-        message = "a tab; indent with spaces" if tab else f"not YAML: {error.problem}"
+        elif "'\\t'" in problem:
+            message = "a tab; indent with spaces"
         raise YamlError(mark.line + 1 if mark else 0, message) from None
     except yaml.reader.ReaderError as error:
         line = text[: error.position].count("\n") + 1
@@ -173,12 +173,6 @@ def yaml_type(value: Any) -> str:
     """The YAML type of a value with its article: "a text", "a list", "nothing"."""
     if value is None:
         return "nothing"
-    names = {
-        bool: "a yes/no value",
-        str: "a text",
-        dict: "a mapping",
-        list: "a list",
-        int: "a number",
-        float: "a number",
-    }
+    names = {bool: "a yes/no value", str: "a text", dict: "a mapping", list: "a list"}
+    names |= dict.fromkeys((int, float), "a number")
     return names.get(type(value), type(value).__name__)

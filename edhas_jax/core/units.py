@@ -184,6 +184,17 @@ def from_si(value, unit: str, shown: str):
     return (value - offset) / float(size)
 
 
+def values_to_si(values, unit: str, si: str, example: str = ""):
+    """Convert a value (or array) in a unit to the SI unit `si`; errors and example as of `to_si`."""
+    zero = to_si(f"0 {unit}", si, example)
+    return zero + (to_si(f"1 {unit}", si) - zero) * values
+
+
+def is_unit_of(unit: str, si: str) -> bool:
+    """Whether a text is a unit of the dimension of an SI unit."""
+    return _conversion(unit or "-", si) is not None
+
+
 def display_unit(unit: str, value: float | None = None) -> str:
     """The unit for display of a quantity in the SI unit `unit` of this magnitude; without a value, the usual one."""
     return _USUAL_UNITS.get(unit, _display_row(unit, 1.0)[0]) if value is None else _display_row(unit, value)[0]

@@ -97,6 +97,15 @@ def find_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
     raise ParameterError(_unknown_reason(machine, owner, flat, [p.name for p, _, _ in rows]))
 
 
+def has_parameter(machine: Rig, name: str) -> bool:
+    """Whether a machine has a parameter of that name."""
+    try:
+        find_parameter(machine, name)
+    except ParameterError:
+        return False
+    return True
+
+
 def get_parameter(machine: Rig, name: str) -> Any:
     """The value (SI) of a parameter.
 

@@ -12,10 +12,16 @@ import numpy as np
 
 from edhas_jax.core.structs import replace
 from edhas_jax.core.units import exact_quantity, format_quantity
+from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.set_points import Recorded
-from edhas_jax.machine.parameters import ParameterError, find_parameter, get_parameter, set_parameters
+from edhas_jax.machine.parameters import get_parameter, has_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import OFFSET_OVER_RANGE, BenchAccuracy, with_defaults
+
+CAMPAIGN_FILE = "campaign.yaml"
+SignalsByRun = Mapping[str, Mapping[str, np.ndarray]]  # by run and signal (samples,)
+MAX_LINES = 10  # of a short list of remarks
+MAX_FILES = 3  # that are named beside the first one
 
 
 class CampaignError(ValueError):
@@ -174,6 +180,14 @@ class BenchRun:
         """Number of samples of all signals that are not missing."""
         return sum(int(np.isfinite(values).sum()) for values in self.signals.values())
 
+    def remark(self, severity: Severity, sentence: str, sample: int | None = None) -> Remark:
+        """A remark on the file of the run, with the line of a sample."""
+        return Remark(severity, self.file, 0 if sample is None else int(self.lines[sample]), sentence)
+
+    def warning(self, sentence: str, sample: int | None = None) -> Remark:
+        """A warning on the file of the run, with the line of a sample."""
+        return self.remark(Severity.WARNING, sentence, sample)
+
     def __repr__(self) -> str:
         size = f"{len(self.time):,} samples in {format_quantity(self.time[-1] - self.time[0], 's')}"
         return f"<BenchRun: {self.name}, {self.use.value}, {size}; {', '.join(self.signals)}>"
@@ -227,6 +241,10 @@ class Campaign:
         uses = (f"{count_runs(self.runs_for(use))} {use.value}" for use in Use)
         counted = f"{runs_text(self.runs)} ({', '.join(uses)}), {len(self.channels)} signals"
         return f"<Campaign: {self.name}, {self.machine.name}, {counted}, {len(self.uncertain)} uncertain parameters>"
+
+    def remark(self, severity: Severity, sentence: str) -> Remark:
+        """A remark on the description of the campaign."""
+        return Remark(severity, self.folder / CAMPAIGN_FILE, 0, sentence)
 
     @functools.cached_property
     def accuracy(self) -> BenchAccuracy:
@@ -283,8 +301,7 @@ class Campaign:
 
 def runs_text(runs: Iterable[BenchRun]) -> str:
     """The number of runs in words, "1 run" or "3 runs"; the parts of one that was divided count as one."""
-    count = count_runs(runs)
-    return f"{count} run{'s' * (count != 1)}"
+    return counted(count_runs(runs), "run")
 
 
 def count_runs(runs: Iterable[BenchRun]) -> int:
@@ -292,10 +309,29 @@ def count_runs(runs: Iterable[BenchRun]) -> int:
     return len({run.whole for run in runs})
 
 
-def has_parameter(machine: Rig, name: str) -> bool:
-    """Whether a machine has a parameter of that name."""
-    try:
-        find_parameter(machine, name)
-    except ParameterError:
-        return False
-    return True
+def brief_lines(remarks: Iterable[Remark]) -> list[str]:
+    """At most `MAX_LINES` lines of text.
+
+    Args:
+        remarks: the remarks on the files of a campaign.
+
+    Returns:
+        Errors first, then warnings, then notes; the last line says how many more there are and where to find them.
+    """
+    together: dict[tuple[Severity, str], list[Remark]] = {}
+    for remark in remarks:
+        together.setdefault((remark.severity, remark.sentence), []).append(remark)
+    order = list(Severity)
+    groups = sorted(together.values(), key=lambda group: order.index(group[0].severity))
+    shown = groups if len(groups) <= MAX_LINES else groups[: MAX_LINES - 1]
+    lines = [_line(group) for group in shown]
+    if len(shown) < len(groups):
+        lines.append(f"and {len(groups) - len(shown)} more remarks; `edhas campaign check` lists all")
+    return lines
+
+
+def _line(group: list[Remark]) -> str:
+    """A remark, and the other files that it applies to."""
+    first = group[0]
+    files = list(dict.fromkeys(remark.file.name for remark in group if remark.file != first.file))
+    return f"{first} (also {listed(files, MAX_FILES)})" if files else str(first)

@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from edhas_jax.core.literal_text import one_line, yaml_text
+from edhas_jax.machine.parameters import has_parameter
 from edhas_jax.machine.rigs import RIGS, Rig
-from edhas_jax.measurements.campaign import has_parameter
-from edhas_jax.measurements.column_guess import GuessedColumn, Role
+from edhas_jax.measurements.table_guess import GuessedColumn, Role
 
 # relative standard deviations that are usual for a machine that is known from drawings and data sheets, on which dry
 # friction does not stand: where it is taken as known, its error is found as an effect that the machine does not have
@@ -47,27 +47,27 @@ class CampaignDraft:
     columns: Sequence[GuessedColumn]
     runs: Sequence[DraftRun]
 
+    def _of(self, role: Role) -> list[GuessedColumn]:
+        return [column for column in self.columns if column.role is role]
+
     @property
     def drive_conditions(self) -> tuple[str, ...]:
         """The conditions that say how each run was driven; none where the set point was recorded."""
-        if any(c.role is Role.SET_POINT for c in self.columns):
-            return ()
-        return DRIVE_CONDITIONS[self.rig]
+        return () if self._of(Role.SET_POINT) else DRIVE_CONDITIONS[self.rig]
 
     def problems(self) -> list[str]:
         """What is still missing, all at once, each with what to do."""
         out = []
-        if not any(c.role is Role.TIME for c in self.columns):
+        if not self._of(Role.TIME):
             out.append("No column is the time: choose “time” for one of them.")
-        signals = [c for c in self.columns if c.role is Role.SIGNAL]
-        if not signals:
+        names = [c.signal for c in self._of(Role.SIGNAL)]
+        if not names:
             out.append("No column is a signal of the model: choose a signal for at least one of them.")
-        names = [c.signal for c in signals]
         for name in dict.fromkeys(n for n in names if names.count(n) > 1):
             out.append(f"{name} has {names.count(name)} columns: keep one of them.")
         out += [f"Column {c.column} has no unit: write the unit it is recorded in."
                 for c in self.columns if c.role in (Role.TIME, Role.SIGNAL) and not c.unit]  # fmt: skip
-        if sum(c.role is Role.SET_POINT for c in self.columns) > 1:
+        if len(self._of(Role.SET_POINT)) > 1:
             out.append("Several columns are the set point: keep one of them.")
         if not self.runs:
             out.append("There is no run: drop a file.")
@@ -85,16 +85,13 @@ class CampaignDraft:
         lines = [f"name: {yaml_text(self.name)}", f"rig: {self.rig}"]
         lines.append("uncertain:   # relative standard deviation of the true value; adapt to what you know")
         lines += uncertainty_lines(RIGS[self.rig])
-        time = next((c for c in self.columns if c.role is Role.TIME), None)
-        if time is not None:
-            lines.append(f"time: {{column: {yaml_text(time.column)}, unit: {yaml_text(time.unit)}}}")
-        set_point = next((c for c in self.columns if c.role is Role.SET_POINT), None)
-        if set_point is not None:
-            lines.append(f"reference: {yaml_text(set_point.column)}   # the recorded set point")
+        for c in self._of(Role.TIME)[:1]:
+            lines.append(f"time: {{column: {yaml_text(c.column)}, unit: {yaml_text(c.unit)}}}")
+        for c in self._of(Role.SET_POINT)[:1]:
+            lines.append(f"reference: {yaml_text(c.column)}   # the recorded set point")
         lines.append("signals:   # the noise of each is measured in the records")
-        for c in self.columns:
-            if c.role is Role.SIGNAL:
-                lines.append(f"  {c.signal}: {{column: {yaml_text(c.column)}, unit: {yaml_text(c.unit)}}}")
+        for c in self._of(Role.SIGNAL):
+            lines.append(f"  {c.signal}: {{column: {yaml_text(c.column)}, unit: {yaml_text(c.unit)}}}")
         lines.append("runs:")
         for run in self.runs:
             words = [f"file: {yaml_text(run.file)}", f"use: {run.use}"]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.config.templates import filled
 from edhas_jax.core import structs
 from edhas_jax.core.literal_text import one_line, yaml_text
 from edhas_jax.core.units import from_si
@@ -21,48 +22,6 @@ SENSOR_NOISE = {
     "voltage": (0.02, "V"), "current": (0.02, "A"), "piston_position": (0.005, "mm"),
     "outlet_pressure": (0.0015, "MPa"), "outlet_flow": (0.012, "L/min"),
 }  # fmt: skip
-
-TEMPLATE = """\
-# A measurement campaign: the runs, the measured signals, and the parameters that are not known exactly.
-# Put your run files beside this file, adapt what follows, then run: edhas campaign check {folder}
-name: {name}
-rig: pump_bench          # actuator_bench | pump_bench | actuator_system
-parameters:              # known values that differ from nominal, with units (edhas parameters lists all)
-  coil_resistance: 1.41 ohm
-# without: [lugre_friction]    # refined effects that your present model lacks; it has all others
-uncertain:               # relative standard deviation of the true value: 0.1 is 10 %
-{uncertain}
-# amplifier: {{kind: current, gain: 1 A/V}}                     # where it differs from the nominal machine
-# controller: {{kind: cascade, kp: 160 1/s, kv: 240 V*s/m}}     # position (kp, ki, kd, kaw, kff) | cascade (kp, kv)
-# reference: {{column: xref, unit: mm}}    # the recorded set point, if none of the built-in ones was used
-# time: {{column: t, unit: ms}}  # if the time column is not called `time [ms]`
-signals:                 # unit in the files; `noise` (standard deviation in that unit) is measured where it is left out
-{signals}  # if the column has another name: current: {{unit: A, noise: 0.02, column: i_coil}}
-# accuracy:              # standard deviations, where they differ from these; 0 is exact
-#   trigger: 0.2 ms      # of the start of each record
-#   clock_error: 50 us   # of time stamps within a record, changing slowly
-#   settings: {{load_orifice_area: 0.5 %, coil_resistance: 0.5 %}}                  # of each run
-#   signals: {{outlet_pressure: {{gain: 0.3 %, offset: 2 kPa, shift: 20 us}}}}      # of each sensor, for all runs
-runs:                    # fit: to estimate parameters; holdout: to validate. Conditions are parameters of the machine
-  - {{file: run1.csv, use: fit, frequency: 10 Hz, amplitude: 3.5 mm, load_orifice_area: 4.2 mm^2}}
-# `running: yes` in a run: the machine was running already when the record began
-# - {{file: run2.csv, use: holdout, frequency: 15 Hz, amplitude: 3.5 mm, load_orifice_area: 2 mm^2}}
-"""
-
-
-RIG_TEMPLATE = """\
-# A measurement campaign of a machine of one's own: its runs, the recorded drives, the measured signals.
-# Put your run files beside this file, adapt what follows, then run: edhas campaign check {folder} --rig {spec}
-name: {name}
-rig: {spec}
-drives:                  # the columns of what drove the bench: a name, or {{column: u, unit: V, between: hold}}
-{drives}uncertain:               # relative standard deviation of the true value: 0.1 is 10 %; delete what you know
-{uncertain}signals:                 # delete what you did not measure; `noise` is measured where it is left out
-{signals}  # further keys: `column`, its name in the files; `limits: [0 V, 10 V]` of the sensor; `model_error`
-accuracy: {{recorder_filter: 0}}   # a recorder without an anti-alias filter
-runs:                    # fit: to estimate parameters; holdout: to validate. Conditions are parameters of the machine
-  - {{file: run1.csv, use: fit}}
-"""
 RIG_SAMPLES, RIG_NOISE = 500, 2e-3  # of the simulated run; standard deviation of its noise over the range of a signal
 RIG_SPREAD, SMALLEST_NOISE = 0.1, 1e-9
 
@@ -109,7 +68,7 @@ def write_rig_campaign(
         "signals": "".join(rows), "name": yaml_text(folder.resolve().name), "folder": one_line(str(folder)),
         "spec": one_line(spec),
     }  # fmt: skip
-    return _write(folder, RIG_TEMPLATE.format(**texts), columns)
+    return _write(folder, filled("rig_campaign.yaml", **texts), columns)
 
 
 def write_template(folder: Path, on_progress: Callable[[float], None] | None = None) -> list[Path]:
@@ -134,8 +93,8 @@ def write_template(folder: Path, on_progress: Callable[[float], None] | None = N
         exact = from_si(signals[name], SIGNALS[name].unit, unit)
         columns[f"{name} [{unit}]"] = exact + rng.normal(0.0, noise, len(exact))
     rows = "".join(f"  {name}: {{unit: {unit}, noise: {noise}}}\n" for name, (noise, unit) in SENSOR_NOISE.items())
-    text = TEMPLATE.format(name=yaml_text(folder.resolve().name), folder=one_line(str(folder)), signals=rows,
-                           uncertain="\n".join(uncertainty_lines(PumpBench)))  # fmt: skip
+    texts = {"name": yaml_text(folder.resolve().name), "folder": one_line(str(folder)), "signals": rows}
+    text = filled("campaign.yaml", uncertain="\n".join(uncertainty_lines(PumpBench)), **texts)
     return _write(folder, text, columns)
 
 

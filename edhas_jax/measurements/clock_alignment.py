@@ -15,7 +15,7 @@ from edhas_jax.core.structs import replace
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.measurements.accuracy import RecorderClock
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Severity
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
 SIGMAS = 3.0  # standard deviations of a shift within which it is sought
@@ -52,7 +52,7 @@ def with_aligned_clocks(campaign: Campaign, steps_per_sample: int) -> Campaign:
             recorded, size = ", ".join(clocks[name].names), format_quantity(abs(shift), "s")
             late = "late" if shift > 0.0 else "early"
             sentence = f"the clock of {name} ({recorded}) is {size} {late} in this run; corrected"
-            remarks.append(Remark(Severity.NOTE, of_run[0].file, 0, sentence))
+            remarks.append(of_run[0].remark(Severity.NOTE, sentence))
             of_run = shifted(of_run, clocks[name], shift)
         runs |= {run.name: run for run in of_run}
     aligned = tuple(runs[run.name] for run in campaign.runs)
@@ -67,10 +67,6 @@ def find_clock_shifts(campaign: Campaign, parts: Parts, steps_per_sample: int) -
         parts: the parts of the run, one for each time axis.
         steps_per_sample: time steps per sample of the simulations.
     """
-
-    def cost(moved: Parts) -> float:
-        return _misfit(campaign, moved, steps_per_sample)
-
     clocks = campaign.stated_accuracy.clocks
     found: dict[str, float] = dict.fromkeys(clocks, 0.0)
     for _ in range(SWEEPS if len(clocks) > 1 else 1):
@@ -78,7 +74,7 @@ def find_clock_shifts(campaign: Campaign, parts: Parts, steps_per_sample: int) -
             moved = parts
             for other in (o for o in clocks if o != name):
                 moved = shifted(moved, clocks[other], found[other])
-            found[name] = _best_shift(moved, clock, cost)
+            found[name] = _best_shift(moved, clock, lambda parts: _misfit(campaign, parts, steps_per_sample))
     return {name: shift for name, shift in found.items() if shift}
 
 

@@ -2,16 +2,14 @@
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from edhas_jax.core import runtime
-from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.machine.parameters import get_parameter, has_parameter
 from edhas_jax.machine.rigs import Rig, Sine
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity, has_parameter
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED, results_beside
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
@@ -19,8 +17,6 @@ from edhas_jax.measurements.residuals import normalised_residuals, rms_over_nois
 from edhas_jax.measurements.time_resolution import MAX_ERROR_OVER_NOISE, TimeResolution, choose_time_resolution
 from edhas_jax.simulation.integrator import evaluate_signals
 from edhas_jax.simulation.validity import signal_problems
-
-# signals of the model against which residuals are plotted and searched for patterns, in addition to the measured ones
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,12 +79,9 @@ class Comparison:
 
 
 def compare(
-    campaign: Campaign,
-    machine: Rig | None = None,
-    instruments: Instruments = Instruments(),
-    replay: Replay = Replay.SET_POINT,
-    on_progress: Callable[[str], None] | None = None,
-) -> Comparison:
+    campaign: Campaign, machine: Rig | None = None, instruments: Instruments = Instruments(),
+    replay: Replay = Replay.SET_POINT, on_progress: Callable[[str], None] | None = None,
+) -> Comparison:  # fmt: skip
     """Simulate a model as the bench was run, with a time step whose error is far below the noise.
 
     Args:
@@ -116,7 +109,7 @@ def compare(
             runs.append(run)
         except CampaignError as error:
             problem = str(error).removeprefix(f"{run.file}: ")
-            remarks.append(Remark(Severity.ERROR, run.file, 0, f"{problem}; the run is left out"))
+            remarks.append(run.remark(Severity.ERROR, f"{problem}; the run is left out"))
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
     available = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
@@ -135,36 +128,15 @@ def compare(
         for status, reason in signal_problems(simulated, predicted[r].values):
             severity = Severity.NOTE if status.is_valid else Severity.WARNING
             sentence = f"in the model's run {reason}" if status.is_valid else f"the model's run is not valid: {reason}"
-            remarks.append(Remark(severity, run.file, 0, sentence))
+            remarks.append(run.remark(severity, sentence))
         frequency, ramp_time = _sine_set_point(campaign.machine_of(run, machine))
         compared.append(RunComparison(run, predicted[r].values, residuals, frequency, ramp_time))
     if resolution.error > MAX_ERROR_OVER_NOISE:
         step = 1e6 * model.longest_interval() / resolution.fine
-        sentence = (f"the model's runs are not valid: with the smallest step tried, {step:.3g} µs, their error is "
-                    f"still {resolution.error:.2g} of the noise; residuals of this size say nothing")  # fmt: skip
-        remarks.append(Remark(Severity.WARNING, campaign.runs[0].file, 0, sentence))
+        sentence = f"their error is still {resolution.error:.2g} of the noise; residuals of this size say nothing"
+        tried = f"the model's runs are not valid: with the smallest step tried, {step:.3g} µs"
+        remarks.append(campaign.runs[0].warning(f"{tried}, {sentence}"))
     return Comparison(campaign, machine, replay, resolution, tuple(compared), tuple(remarks))
-
-
-def bench_corrected_errors(comparison: Comparison, model: Path | str) -> dict[str, dict[str, float]]:
-    """Residual over noise by run and signal with the bench corrected, as the fit of a model has left it.
-
-    Args:
-        comparison: of this model with the measurements.
-        model: file of the configuration of the model; the result of its fit lies beside it.
-
-    Returns:
-        The errors of the runs and signals of the comparison; empty where there is no such result, where nothing of the
-        bench was estimated with the model, and where a measured signal drives it.
-    """
-    for _, found in results_beside(model) if comparison.replay is Replay.SET_POINT else ():
-        try:
-            if found[IS_CORRECTED]:
-                errors = {run: found[ERROR_BY_RUN].get(run, {}) for run in comparison.rms_over_noise()}
-                return {run: {n: float(v) for n, v in row.items() if v is not None} for run, row in errors.items()}
-        except (KeyError, TypeError, ValueError, AttributeError):
-            continue
-    return {}
 
 
 def _sine_set_point(machine: Rig) -> tuple[float, float]:

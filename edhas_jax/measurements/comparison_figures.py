@@ -26,25 +26,20 @@ MOST_BINNED = 5  # quantities over which errors are drawn
 
 def draw_traces(comparison: Comparison, signal: str):
     """A matplotlib figure of one signal in every run: measured and model ± 2 standard deviations, error below."""
-    from edhas_jax.core.figure import Figure
-
     runs = [compared for compared in comparison.runs if signal in compared.residuals]
     columns = min(4, len(runs))
     rows = -(-len(runs) // columns)
-    figure = Figure(figsize=(3.3 * columns + 0.6, 2.9 * rows + 0.4), layout="constrained")
-    cells = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[2.2, 1.0] * rows)
+    size = 3.3 * columns + 0.6, 2.9 * rows + 0.4
+    figure, cells = _figure(size, 2 * rows, columns, height_ratios=[2.2, 1.0] * rows)
     about = comparison.machine.signals[signal]
-    unit = about.display_unit
-    noise = comparison.campaign.channels[signal].noise
+    half_width = 2.0 * _noise_shown(comparison, signal)
     for k, compared in enumerate(runs):
         row, column = divmod(k, columns)
         above, below = cells[2 * row, column], cells[2 * row + 1, column]
         shown = _shown_samples(compared)
         scale, time_name = time_unit(float(compared.run.time[-1]))
         time = scale * compared.run.time[shown]
-        measured = _in_unit(about, compared.run.signals[signal][shown], unit)
-        model = _in_unit(about, compared.model[signal][shown], unit)
-        half_width = 2.0 * _width_in_unit(about, noise, unit)
+        measured, model = (_shown(about, v[signal][shown]) for v in (compared.run.signals, compared.model))
         above.fill_between(time, model - half_width, model + half_width, color=COLOURS[1], alpha=0.25, lw=0)
         above.plot(time, measured, ".", ms=2.2, color=COLOURS[0], label="measured")
         above.plot(time, model, color=COLOURS[1], lw=1.1, label="model ± 2 noise")
@@ -53,15 +48,13 @@ def draw_traces(comparison: Comparison, signal: str):
         frequency = format_quantity(compared.frequency, "Hz") if np.isfinite(compared.frequency) else ""
         title = f"{figure_text(compared.run.name)}  {frequency}   {compared.rms_over_noise[signal]:.2f} × noise"
         above.set_title(title, fontsize=9, loc="left", color=INK)
-        titles = (f"{signal.replace('_', ' ')}, {unit}", ERROR_LABEL) if column == 0 else ("", "")
+        titles = (f"{signal.replace('_', ' ')}, {about.display_unit}", ERROR_LABEL) if column == 0 else ("", "")
         style_axes(above, "", titles[0], size=8)
         above.tick_params(labelbottom=False)
         style_axes(below, f"time, {time_name}" if row == rows - 1 else "", titles[1], size=8)
-    for k in range(len(runs), rows * columns):
-        for axes in cells[2 * (k // columns) : 2 * (k // columns) + 2, k % columns]:
-            axes.set_visible(False)
-    handles, labels = cells[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
+    for axes in cells[-2:, len(runs) - (rows - 1) * columns :].flat:  # of the last row, without a run
+        axes.set_visible(False)
+    _legend(figure, cells, "upper right", 2)
     return figure
 
 
@@ -70,16 +63,13 @@ def draw_binned_residuals(comparison: Comparison):
 
     One line per run.
     """
-    from edhas_jax.core.figure import Figure
-
     machine, model = comparison.machine, comparison.runs[0].model
     abscissae = ["phase"] * _all_cyclic(comparison)
     abscissae += [n for n in machine.explaining or machine.signals if n in model and n != "time"]
     abscissae = abscissae[:MOST_BINNED]
     signals = comparison.signals
     size = 2.7 * len(abscissae) + 1.6, 1.75 * len(signals) + 0.7
-    figure = Figure(figsize=size, layout="constrained")
-    cells = figure.subplots(len(signals), len(abscissae), squeeze=False, sharey="row", sharex="col")
+    figure, cells = _figure(size, len(signals), len(abscissae), sharey="row", sharex="col")
     shades = _run_colours(len(comparison.runs))
     for row, signal in enumerate(signals):
         for column, axis in enumerate(abscissae):
@@ -91,32 +81,27 @@ def draw_binned_residuals(comparison: Comparison):
                     cell.plot(at, mean, color=shade, lw=1.2, label=figure_text(compared.run.name))
             title = f"{signal.replace('_', ' ')}\n{ERROR_LABEL}" if column == 0 else ""
             style_axes(cell, _axis_label(comparison, axis) if row == len(signals) - 1 else "", title, size=8)
-    handles, labels = cells[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+    _legend(figure, cells)
     return figure
 
 
 def draw_residuals_over_conditions(comparison: Comparison):
     """A matplotlib figure of residual over noise against the conditions that vary between runs; None if none does."""
-    from edhas_jax.core.figure import Figure
-
     names = dict.fromkeys(n for compared in comparison.runs for n in compared.run.conditions)
     conditions = {n: [compared.run.conditions.get(n, np.nan) for compared in comparison.runs] for n in names}
     varied = {n: np.array(values) for n, values in conditions.items() if len(np.unique(values)) > 1}
     if not varied:
         return None
-    figure = Figure(figsize=(3.2 * len(varied) + 1.6, 3.0), layout="constrained")
-    cells = figure.subplots(1, len(varied), squeeze=False, sharey=True)[0]
-    for axes, (name, values) in zip(cells, varied.items(), strict=True):
+    figure, cells = _figure((3.2 * len(varied) + 1.6, 3.0), 1, len(varied), sharey=True)
+    for axes, (name, values) in zip(cells[0], varied.items(), strict=True):
         unit = find_parameter(comparison.machine, name)[0].unit
         shown = display_unit(unit, float(np.nanmax(np.abs(values))))
         for signal, colour in zip(comparison.signals, COLOURS * 3, strict=False):
             rows = [compared.rms_over_noise.get(signal, np.nan) for compared in comparison.runs]
             axes.semilogy(from_si(values, unit, shown), rows, "o", ms=5, color=colour, label=signal.replace("_", " "))
         axes.axhline(1.0, color=GREY, lw=0.9, ls="--")
-        style_axes(axes, f"{name.replace('_', ' ')}, {shown}", "residual over noise" if axes is cells[0] else "")
-    handles, labels = cells[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+        style_axes(axes, f"{name.replace('_', ' ')}, {shown}", "residual over noise" if axes is cells[0, 0] else "")
+    _legend(figure, cells)
     return figure
 
 
@@ -124,13 +109,9 @@ def draw_spectra(comparison: Comparison):
     """A matplotlib figure of the power spectra of the residuals over that of white sensor noise, which is 1."""
     from scipy.signal import welch
 
-    from edhas_jax.core.figure import Figure
-
-    signals = comparison.signals
-    figure = Figure(figsize=(2.9 * len(signals) + 1.4, 3.0), layout="constrained")
-    cells = figure.subplots(1, len(signals), squeeze=False, sharey=True)[0]
-    shades = _run_colours(len(comparison.runs))
-    for axes, signal in zip(cells, signals, strict=True):
+    signals, shades = comparison.signals, _run_colours(len(comparison.runs))
+    figure, cells = _figure((2.9 * len(signals) + 1.4, 3.0), 1, len(signals), sharey=True)
+    for axes, signal in zip(cells[0], signals, strict=True):
         axes.axhline(1.0, color=GREY, lw=0.9, ls="--")
         for compared, shade in zip(comparison.runs, shades, strict=True):
             if signal in compared.residuals:
@@ -139,23 +120,16 @@ def draw_spectra(comparison: Comparison):
                 f, power = welch(values, rate, nperseg=min(512, len(values)), detrend=False)
                 axes.loglog(f[1:], power[1:] * rate / 2.0, color=shade, lw=1.0, label=figure_text(compared.run.name))
         axes.set_title(signal.replace("_", " "), fontsize=9, loc="left", color=INK)
-        style_axes(axes, "frequency, Hz", "residual power / noise power" if axes is cells[0] else "", size=8)
-    handles, labels = cells[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", fontsize=8, frameon=False)
+        style_axes(axes, "frequency, Hz", "residual power / noise power" if axes is cells[0, 0] else "", size=8)
+    _legend(figure, cells)
     return figure
 
 
 def draw_pattern(comparison: Comparison, pattern: Pattern):
     """A matplotlib figure of the error of one signal over the quantity of its pattern, all runs."""
-    from edhas_jax.core.figure import Figure
-
-    figure = Figure(figsize=(6.4, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, ((axes,),) = _figure((6.4, 3.4), 1, 1)
     runs = [compared for compared in comparison.runs if pattern.signal in compared.residuals]
-    about = comparison.machine.signals[pattern.signal]
-    unit = about.display_unit
-    noise = comparison.campaign.channels[pattern.signal].noise
-    scale = _width_in_unit(about, noise, unit)
+    scale, unit = _noise_shown(comparison, pattern.signal), comparison.machine.signals[pattern.signal].display_unit
     axes.axhspan(-2 * scale, 2 * scale, color=NOISE_BAND_COLOUR, lw=0, label="± 2 noise")
     shades = _run_colours(len(runs))
     axis = pattern.axis if pattern.axis != "time" or not _all_cyclic(comparison) else "phase"
@@ -165,19 +139,30 @@ def draw_pattern(comparison: Comparison, pattern: Pattern):
         middle, mean = _binned(comparison, compared, pattern.signal, axis)
         axes.plot(middle, scale * mean, color=shade, lw=1.4, label=figure_text(compared.run.name))
     if pattern.stated and pattern.axis != "time":
-        _draw_stated(axes, comparison, runs, pattern, scale / noise)
+        # the residual that the sentence of the pattern states
+        at = np.concatenate([_abscissa(comparison, compared, pattern.axis) for compared in runs])
+        order = np.argsort(at)
+        order = order[np.linspace(0, len(order) - 1, MAX_STATED_POINTS).astype(int)] if len(order) else order
+        stated = -scale / comparison.campaign.channels[pattern.signal].noise * np.concatenate(pattern.stated)
+        axes.plot(at[order], stated[order], color=INK, lw=1.8, ls="--", label="as the sentence says")
     style_axes(axes, _axis_label(comparison, axis), f"{pattern.signal.replace('_', ' ')}: measured − model, {unit}")
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
-def _draw_stated(axes, comparison: Comparison, runs: list[RunComparison], pattern: Pattern, scale: float) -> None:
-    """Draw the residual that the sentence of a pattern states; `scale` is the display unit for one SI unit."""
-    at = np.concatenate([_abscissa(comparison, compared, pattern.axis) for compared in runs])
-    order = np.argsort(at)
-    order = order[np.linspace(0, len(order) - 1, MAX_STATED_POINTS).astype(int)] if len(order) else order
-    stated = -scale * np.concatenate(pattern.stated)
-    axes.plot(at[order], stated[order], color=INK, lw=1.8, ls="--", label="as the sentence says")
+def _figure(size: tuple[float, float], rows: int, columns: int, **sharing):
+    """A matplotlib figure of a size [inch], and its axes (rows, columns)."""
+    from edhas_jax.core.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **sharing)
+
+
+def _legend(figure, cells, place: str = "right upper", columns: int = 1) -> None:
+    """The legend of the first axes, outside of all."""
+    figure.legend(
+        *cells[0, 0].get_legend_handles_labels(), loc=f"outside {place}", ncols=columns, fontsize=8, frameon=False
+    )
 
 
 def _run_colours(count: int):
@@ -205,10 +190,9 @@ def _shown_samples(compared: RunComparison) -> np.ndarray:
 
 def _abscissa(comparison: Comparison, compared: RunComparison, axis: str) -> np.ndarray:
     """The samples of the quantity over which residuals are drawn, in its display unit."""
-    if axis == "phase":
-        return compared.phase
-    about = comparison.machine.signals[axis]
-    return compared.run.time if axis == "time" else _in_unit(about, compared.model[axis], about.display_unit)
+    if axis in ("phase", "time"):
+        return compared.phase if axis == "phase" else compared.run.time
+    return _shown(comparison.machine.signals[axis], compared.model[axis])
 
 
 def _binned(comparison: Comparison, compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray, np.ndarray]:
@@ -225,11 +209,12 @@ def _binned(comparison: Comparison, compared: RunComparison, signal: str, axis: 
     return (0.5 * (edges[1:] + edges[:-1]))[full], sums[full] / count[full]
 
 
-def _in_unit(about: Signal, values: np.ndarray, unit: str) -> np.ndarray:
-    return from_si(values, about.unit, "" if unit == "-" else unit)
+def _shown(about: Signal, values: np.ndarray) -> np.ndarray:
+    """Values of a signal (SI) in its display unit."""
+    return from_si(values, about.unit, about.display_unit)
 
 
-def _width_in_unit(about: Signal, width: float, unit: str) -> float:
-    """A difference (SI) in a unit that may have an offset."""
-    return float(_in_unit(about, np.array(width), unit) - _in_unit(about, np.array(0.0), unit))
-
+def _noise_shown(comparison: Comparison, signal: str) -> float:
+    """The standard deviation of the noise of a signal in its display unit, which may have an offset."""
+    about, noise = comparison.machine.signals[signal], comparison.campaign.channels[signal].noise
+    return float(_shown(about, np.array(noise)) - _shown(about, np.array(0.0)))

@@ -6,21 +6,16 @@ import numpy as np
 
 from edhas_jax.core import html_page
 from edhas_jax.core.units import format_quantity
+from edhas_jax.measurements import comparison_figures as figures
 from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.comparison import Comparison
-from edhas_jax.measurements.comparison_figures import (
-    draw_binned_residuals,
-    draw_pattern,
-    draw_residuals_over_conditions,
-    draw_spectra,
-    draw_traces,
-)
 from edhas_jax.measurements.figures_of_merit import COLUMNS, figures_of_merit
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import RESIDUAL, draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern
 
 MAX_DRAWN_PATTERNS = 4  # patterns with a figure of their own
+NOTHING = "Nowhere: the residuals hold nothing but the noise of the sensors."
 
 
 def comparison_report(
@@ -38,6 +33,11 @@ def comparison_report(
     step = campaign.runs[0].interval / comparison.resolution.fine
     is_replay = comparison.replay is not Replay.SET_POINT
     model_input = f"the measured {comparison.replay.value}" if is_replay else "set point and controller"
+    over_conditions = []
+    if (figure := figures.draw_residuals_over_conditions(comparison)) is not None:
+        image = html_page.image(figure, "residual over noise against the conditions")
+        over_conditions = [html_page.heading("Residual over noise against the conditions of the runs"), image]
+    drawn = [p for p in patterns[:MAX_DRAWN_PATTERNS] if np.isfinite(p.weight)]
     parts = [
         html_page.heading(f"{campaign.name}: model and measurements", 1),
         html_page.paragraph(
@@ -48,25 +48,17 @@ def comparison_report(
         *(html_page.paragraph(sentence) for sentence in data_sentences(campaign)),
         html_page.image(draw_matrices(comparison, matrices), RESIDUAL),
         html_page.heading("Where the model deviates"),
-        html_page.numbered_list(
-            sentences(patterns) or ["Nowhere: the residuals hold nothing but the noise of the sensors."]
-        ),
-        *(
-            html_page.image(draw_pattern(comparison, p), p.sentence)
-            for p in patterns[:MAX_DRAWN_PATTERNS]
-            if np.isfinite(p.weight)
-        ),
+        html_page.numbered_list(sentences(patterns) or [NOTHING]),
+        *(html_page.image(figures.draw_pattern(comparison, p), p.sentence) for p in drawn),
         html_page.heading("Mean error against phase, position, velocity, current and pressure"),
-        html_page.image(draw_binned_residuals(comparison), "mean error in bins"),
-        *_residuals_over_conditions(comparison),
+        html_page.image(figures.draw_binned_residuals(comparison), "mean error in bins"),
+        *over_conditions,
         html_page.heading("Spectra of the residuals"),
-        html_page.image(draw_spectra(comparison), "spectra of the residuals"),
+        html_page.image(figures.draw_spectra(comparison), "spectra of the residuals"),
     ]
     for signal in comparison.signals:
-        parts += [
-            html_page.heading(f"{signal.replace('_', ' ')}"),
-            html_page.image(draw_traces(comparison, signal), f"{signal}, measured and model"),
-        ]
+        image = html_page.image(figures.draw_traces(comparison, signal), f"{signal}, measured and model")
+        parts += [html_page.heading(signal.replace("_", " ")), image]
     meanings = html_page.numbered_list([f"{n}: {doc}" for n, doc in COLUMNS.items()])
     parts += [html_page.heading("Figures of merit"), meanings, _figures_of_merit_table(comparison)]
     remarks = [*campaign.remarks, *comparison.remarks]
@@ -81,14 +73,6 @@ def draw_matrices(comparison: Comparison, matrices: Mapping[str, Mapping[str, Ma
     notes = run_descriptions(comparison.campaign)
     simulated = {compared.run.name for compared in comparison.runs}
     return draw_residual_matrix(matrices, {run: text for run, text in notes.items() if run in simulated})
-
-
-def _residuals_over_conditions(comparison: Comparison) -> list[str]:
-    figure = draw_residuals_over_conditions(comparison)
-    if figure is None:
-        return []
-    image = html_page.image(figure, "residual over noise against the conditions")
-    return [html_page.heading("Residual over noise against the conditions of the runs"), image]
 
 
 def sentences(patterns: list[Pattern]) -> list[str]:

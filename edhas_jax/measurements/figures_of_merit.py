@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from edhas_jax.measurements.autocorrelation import autocorrelation
 from edhas_jax.measurements.comparison import Comparison, RunComparison
-from edhas_jax.measurements.residuals import rms_over_noise
+from edhas_jax.measurements.residuals import autocorrelation, rms_over_noise
 
 COLUMNS = {
     "residual_over_noise": "rms of (measured − model), in standard deviations of the sensor's noise",

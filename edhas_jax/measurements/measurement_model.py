@@ -9,9 +9,9 @@ import jax
 import numpy as np
 
 from edhas_jax.machine.components.set_points import Steps
-from edhas_jax.machine.parameters import ParameterError, get_parameter, short_names
+from edhas_jax.machine.parameters import ParameterError, get_parameter, has_parameter, short_names
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Campaign, has_parameter
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay, machine_with_replay
 from edhas_jax.measurements.unknown_parameters import ShapeCoefficient, UnknownParameter
@@ -179,11 +179,14 @@ class MeasurementModel:
     ) -> PredictedSignals:
         """Signals and sensitivities on a grid of an interval [s], at the time stamps of run `r`."""
         values = {s: self._at_time_stamps(r, interval, v) for s, v in values.items()}
-        inside = {s: self._within_limits(s, v) for s, v in values.items()}
         if slopes is not None:
             slopes = {s: self._at_time_stamps(r, interval, v) for s, v in slopes.items()}
-            slopes = {s: v if inside[s] is None else v * inside[s][1][:, None] for s, v in slopes.items()}
-        return PredictedSignals({s: v if inside[s] is None else inside[s][0] for s, v in values.items()}, slopes)
+        for signal, channel in self.campaign.channels.items():
+            if signal in values and any(map(math.isfinite, channel.limits)):  # beyond which the sensor shows its end
+                exact, values[signal] = values[signal], np.clip(values[signal], *channel.limits)
+                if slopes is not None:
+                    slopes[signal] = slopes[signal] * (values[signal] == exact)[:, None]
+        return PredictedSignals(values, slopes)
 
     def acting(self, r: int) -> np.ndarray:
         """Which unknowns act in run `r` (unknowns,): all but the own ones of other runs, and those that it replaces."""
@@ -226,14 +229,6 @@ class MeasurementModel:
             return 1.0, 0.0
         is_absolute = u.name in spread and spread[u.name].is_absolute
         return (1.0, given - known) if is_absolute or known == 0.0 else (given / known, 0.0)
-
-    def _within_limits(self, signal: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """What a sensor that ends at its limits shows, and where it still moves (1 or 0); None for one without."""
-        channel = self.campaign.channels.get(signal)
-        if channel is None or not any(map(math.isfinite, channel.limits)):
-            return None
-        shown = np.clip(values, *channel.limits)
-        return shown, (shown == values).astype(float)
 
     def _sample_count(self, r: int, group: _RunGroup) -> int:
         return math.ceil(self.runs[r].time[-1] / group.interval - MAX_TIMESTAMP_ERROR) + 1

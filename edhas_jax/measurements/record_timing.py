@@ -10,6 +10,7 @@ import numpy as np
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Remark, Severity
+from edhas_jax.measurements.tables.table import TableError
 
 START_TOLERANCE = 1.5  # sample intervals; a clock that starts within it of zero is not changed
 MIN_SAMPLES = 2  # within a window
@@ -17,10 +18,6 @@ MAX_GAP_IN_RECORDS = 10.0  # lengths of the record without gaps; a longer gap is
 CLOCK_ROUNDING = 2.0  # units in the last place of a time stamp, by which rounding moves it at most
 RUN_IN_CYCLES = 10  # after the ramp, until a machine that was running when its record began is periodic
 INTERVAL_DIGITS = 6  # to which the interval of evenly sampled records is rounded
-
-
-class TimingError(ValueError):
-    """A record has no samples at the stated times."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,10 +38,10 @@ class RecordTiming:
         """The time stamp [s] from which the times of a record are counted, from its increasing time stamps (samples,).
 
         Raises:
-            TimingError: there are fewer than `MIN_SAMPLES`.
+            TableError: there are fewer than `MIN_SAMPLES`.
         """
         if len(time) < MIN_SAMPLES:
-            raise TimingError(f"it has {len(time)} samples with a valid time; at least {MIN_SAMPLES} are needed")
+            raise TableError(0, f"it has {len(time)} samples with a valid time; at least {MIN_SAMPLES} are needed")
         if self.start is not None:
             return self.start
         interval = float(np.median(np.diff(time)))
@@ -67,7 +64,7 @@ class RecordTiming:
             `run_in` before the start; a mask (samples,) of its samples that are used; remarks on the clock.
 
         Raises:
-            TimingError: fewer than `MIN_SAMPLES` samples are used.
+            TableError: fewer than `MIN_SAMPLES` samples are used.
         """
         start = self.zero(time) if zero is None else zero
         remarks, seconds = [], lambda value: format_quantity(value, "s")
@@ -93,7 +90,7 @@ class RecordTiming:
         if used.sum() < MIN_SAMPLES:
             record = f"the record lasts from {seconds(relative[0])} to {seconds(relative[-1])}"
             window = f"from {seconds(low)}" + (f" to {seconds(high)}" if math.isfinite(high) else "")
-            raise TimingError(f"the window {window} holds {used.sum()} samples; counted from its start, {record}")
+            raise TableError(0, f"the window {window} holds {used.sum()} samples; counted from its start, {record}")
         return part, relative + self.run_in, used, remarks
 
 

@@ -89,14 +89,12 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
     span = max(float(np.ptp(compared.model[signal])) for compared in runs)
     patterns: list[Pattern] = []
     for _ in range(MAX_PATTERNS_PER_SIGNAL):
-        best, largest = None, 0.0
-        for k, column in enumerate(columns):
-            power = float(column @ column)
-            explained = float(remaining @ column) ** 2 / power if power > 0.0 else 0.0
-            if explained > largest:
-                best, largest = k, explained
-        if best is None or largest < MIN_SHARE * excess:
+        powers = [float(column @ column) for column in columns]
+        explained = [float(remaining @ c) ** 2 / p if p > 0.0 else 0.0 for c, p in zip(columns, powers, strict=True)]
+        largest = max(explained)
+        if largest == 0.0 or largest < MIN_SHARE * excess:
             break
+        best = explained.index(largest)
         column, shape = columns[best], shapes[best]
         size = float(remaining @ column) / float(column @ column)
         sentence = _sentence(about, shape, signal, size * noise, span)
@@ -104,7 +102,11 @@ def _patterns_of_signal(comparison: Comparison, signal: str) -> list[Pattern]:
         stated = tuple(size * noise * values for values in shape.values)
         patterns.append(Pattern(signal, shape.axis, largest / excess, largest, sentence, stated))
         remaining = remaining - size * column
-    return patterns or [_without_pattern(about, signal, remaining, noise, excess)]
+    if not patterns:
+        size = _quantity(about[signal], noise * math.sqrt(excess / count))
+        sentence = f"{_display_name(signal)}: the model is wrong by {size} (rms) without a simple pattern"
+        patterns.append(Pattern(signal, "phase", 1.0, excess, sentence))
+    return patterns
 
 
 def _candidate_shapes(about: Mapping[str, Signal], runs: list[RunComparison], signal: str) -> list[_Shape]:
@@ -114,9 +116,14 @@ def _candidate_shapes(about: Mapping[str, Signal], runs: list[RunComparison], si
     shapes = [_Shape("time", ones, f"{name}: the model is {{size}} {{high}} throughout")]
     modelled = [compared.model[signal] for compared in runs]
     middle = float(np.mean(np.concatenate([values[:1] for values in modelled])))
-    span = max(np.ptp(values) for values in modelled)
+    span = float(max(np.ptp(values) for values in modelled))
     if span > 0.0:
-        shapes.append(_gain_shape(about, signal, [v - middle for v in modelled], float(span)))
+        # a signal of both signs is too large where it is positive and where it is negative
+        deviations = [v - middle for v in modelled]
+        is_one_sided = min(float(v.min()) for v in deviations) > -0.05 * span
+        sentence = f"{name}: the model is {{share}} {'{high}' if is_one_sided else '{large}'} "
+        sentence += f"({{size}} over its range of {_quantity(about[signal], span)})"
+        shapes.append(_Shape(signal, [v / span for v in deviations], sentence))
     rates = [np.gradient(v, compared.run.time) for v, compared in zip(modelled, runs, strict=True)]
     shapes.append(_Shape("time", [-rate * 1e-3 for rate in rates], f"{name}: the model is {{delay}} {{late}}"))
     for axis in runs[0].model:
@@ -125,29 +132,18 @@ def _candidate_shapes(about: Mapping[str, Signal], runs: list[RunComparison], si
         if largest <= 0.0 or about[axis].unit == "Pa" or axis == signal:
             continue
         other, at_largest = _display_name(axis), _quantity(about[axis], largest)
-        signs = f"{{size}} {{high}} while {other} is positive, and {{size}} {{low}} while it is negative"
-        sentence = f"{name}: the model is {signs}"
-        shapes.append(_Shape(axis, [np.tanh(v / (STEP_WIDTH * largest)) for v in values], sentence))
-        sentence = f"{name}: the model's error is proportional to {other}: {{size}} {{high}} at {at_largest}"
-        shapes.append(_Shape(axis, [v / largest for v in values], sentence))
-        where = f"where {other} is largest in either direction, and right where it is 0"
-        sentence = f"{name}: the model is {{size}} {{high}} {where}"
-        shapes.append(_Shape(axis, [np.square(v / largest) for v in values], sentence))
-        law = f"goes with the square of {other} and has its sign"
-        sentence = f"{name}: the model's error {law}: {{size}} {{high}} at {at_largest}"
-        shapes.append(_Shape(axis, [v * np.abs(v) / largest**2 for v in values], sentence))
+        direction = f"where {other} is largest in either direction, and right where it is 0"
+        for errors, error in (
+            ([np.tanh(v / (STEP_WIDTH * largest)) for v in values],
+             f" is {{size}} {{high}} while {other} is positive, and {{size}} {{low}} while it is negative"),
+            ([v / largest for v in values],
+             f"'s error is proportional to {other}: {{size}} {{high}} at {at_largest}"),
+            ([np.square(v / largest) for v in values], f" is {{size}} {{high}} {direction}"),
+            ([v * np.abs(v) / largest**2 for v in values],
+             f"'s error goes with the square of {other} and has its sign: {{size}} {{high}} at {at_largest}"),
+        ):  # fmt: skip
+            shapes.append(_Shape(axis, errors, f"{name}: the model{error}"))
     return shapes + _stroke_regions(runs, name)
-
-
-def _gain_shape(about: Mapping[str, Signal], signal: str, values: list[np.ndarray], span: float) -> _Shape:
-    """The error of a signal in proportion to its deviation `values` from the start; its range is `span`, SI."""
-    # a signal of both signs is too large where it is positive and where it is negative
-    is_one_sided = min(float(v.min()) for v in values) > -0.05 * span
-    sentence = (
-        f"{_display_name(signal)}: the model is {{share}} {'{high}' if is_one_sided else '{large}'} "
-        f"({{size}} over its range of {_quantity(about[signal], span)})"
-    )
-    return _Shape(signal, [v / span for v in values], sentence)
 
 
 def _stroke_regions(runs: list[RunComparison], name: str) -> list[_Shape]:
@@ -210,14 +206,6 @@ def _trend_clause(
             if smaller > 0.0 and larger / smaller > largest:
                 largest, clause = larger / smaller, f", {verb} with {_display_name(name)}"
     return clause
-
-
-def _without_pattern(
-    about: Mapping[str, Signal], signal: str, remaining: np.ndarray, noise: float, excess: float
-) -> Pattern:
-    size = _quantity(about[signal], noise * math.sqrt(excess / len(remaining)))
-    sentence = f"{_display_name(signal)}: the model is wrong by {size} (rms) without a simple pattern"
-    return Pattern(signal, "phase", 1.0, excess, sentence)
 
 
 def _display_name(name: str) -> str:

@@ -10,13 +10,14 @@ import numpy as np
 
 from edhas_jax.config.recorded_signal import Between, RecordingError, recorded_from_samples
 from edhas_jax.core.name_suggestion import suggest
-from edhas_jax.core.units import UnitError, display_unit, to_si
+from edhas_jax.core.units import UnitError, display_unit, is_unit_of, to_si, values_to_si
+from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Spread, Use
-from edhas_jax.measurements.checks.signal_checks import true_intervals
-from edhas_jax.measurements.record_timing import RecordTiming, TimingError
+from edhas_jax.measurements.checks.repeated_values import true_intervals
+from edhas_jax.measurements.record_timing import RecordTiming
 from edhas_jax.measurements.tables.table import Column, Layout, Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_tables
 
@@ -41,12 +42,19 @@ class ColumnSource(NamedTuple):
     between: Between | None = None
 
 
+Columns = Mapping[str, ColumnSource]  # by signal or drive
+
+
 class TimeSource(NamedTuple):
-    """Where the time stamps of a file come from: a column, or a stated interval [s] from sample to sample."""
+    """Where the time stamps of a file come from: a column, or a stated interval [s] from sample to sample.
+
+    `start` is the time stamp [s] at which the run begins; None for the first one.
+    """
 
     column: str = "time"
     unit: str = ""
     interval: float | None = None
+    start: float | None = None
 
 
 class RecordFile(NamedTuple):
@@ -55,13 +63,11 @@ class RecordFile(NamedTuple):
     Args:
         path: where it is.
         time: where its time stamps come from.
-        start: the time stamp [s] in it at which the run begins; None for that of the run.
         layout: what the campaign states about the file.
     """
 
     path: Path
     time: TimeSource = TimeSource()
-    start: float | None = None
     layout: Layout = Layout()
 
 
@@ -73,7 +79,7 @@ class RunEntry(NamedTuple):
         files: files of any format that `read_tables` reads.
         use: fit or holdout.
         conditions: parameters of the machine in this run (SI).
-        timing: where the time of the run is zero, and which part of the record is used.
+        timing: which part of the record is used; where its time is zero its files say.
         uncertain: the parameters whose value in this run is an unknown of its own.
         columns: the columns of signals and drives that have another name in this run.
         keep: the signals of which the checks leave out no sample.
@@ -85,7 +91,7 @@ class RunEntry(NamedTuple):
     conditions: dict[str, float]
     timing: RecordTiming = RecordTiming()
     uncertain: Mapping[str, Spread] = MappingProxyType({})
-    columns: Mapping[str, ColumnSource] = MappingProxyType({})
+    columns: Columns = MappingProxyType({})
     keep: frozenset[str] = frozenset()
 
     @property
@@ -139,13 +145,9 @@ class RunReader:
         planned: whether the runs are planned: their files need not hold any measured signal.
     """
 
-    def __init__(
-        self, machine: Rig, sources: Mapping[str, ColumnSource], recorded: Mapping[str, ColumnSource],
-        planned: bool = False,
-    ):  # fmt: skip
+    def __init__(self, machine: Rig, sources: Columns, recorded: Columns, planned: bool = False):
         self.remarks: list[Remark] = []
-        self._planned = planned
-        self._machine, self._sources, self._recorded = machine, sources, recorded
+        self._machine, self._sources, self._recorded, self._planned = machine, sources, recorded, planned
         self._file, self._header_line, self._time = Path(), 0, TimeSource()
 
     def read(self, entry: RunEntry) -> list[BenchRun]:
@@ -180,9 +182,6 @@ class RunReader:
         except TableError as error:
             self._remark(error.line, f"{error}; the run is left out")
             return []
-        except TimingError as error:
-            self._remark(0, f"{error}; the run is left out")
-            return []
         reference = None if "reference" in self._machine.drives else drives.pop("reference", None)
         runs, too_short = [], False
         for record, signals, rows in parts:
@@ -202,7 +201,9 @@ class RunReader:
             ))  # fmt: skip
         if not runs and not too_short:
             self._remark(0, "none of its columns can be used; the run is left out")
-        return _named_parts(entry.name, runs)
+        # the parts after the first say in their names what they measure
+        parts = (dataclasses.replace(r, name=f"{r.name}, {', '.join(r.signals)}", part_of=r.name) for r in runs[1:])
+        return [*runs[:1], *parts]
 
     def _tables(self, entry: RunEntry) -> list[_Record]:
         """The tables of the files of a run.
@@ -228,24 +229,19 @@ class RunReader:
         Raises:
             TableError: that of a drive is missing, or several records have it.
         """
-        for name, source in (self._recorded | {n: s for n, s in entry.columns.items() if n in self._recorded}).items():
-            holders = [(record, own) for record in records if (own := record.own_name(source.column)) is not None]
-            if len(holders) > 1:
-                raise TableError(0, self._several(name, source, holders))
-            record, own = holders[0] if holders else (records[0], source.column)
-            record.drives[name] = source._replace(column=own)
-        for name, source in (self._sources | {n: s for n, s in entry.columns.items() if n in self._sources}).items():
-            holders = [(record, own) for record in records if (own := record.own_name(source.column)) is not None]
-            if len(holders) == 1:
-                record, own = holders[0]
-                record.sources[name] = source._replace(column=own)
-            elif holders:
-                problem = self._several(name, source, holders)
-                self._remark(self._header_line, f"{problem}; {name} is missing in this run")
-            elif not self._planned:
-                others = [n for record in records for n in record.table.columns if n != record.file.time.column]
-                problem = f"no column `{source.column}` ({suggest(source.column, others)})"
-                self._remark(self._header_line, f"{problem}; {name} is missing in this run")
+        for known, are_drives in ((self._recorded, True), (self._sources, False)):
+            for name, source in (known | {n: s for n, s in entry.columns.items() if n in known}).items():
+                holders = [(record, own) for record in records if (own := record.own_name(source.column)) is not None]
+                problem = self._several(name, source, holders) if len(holders) > 1 else ""
+                if problem and are_drives:
+                    raise TableError(0, problem)
+                if are_drives or len(holders) == 1:
+                    record, own = holders[0] if holders else (records[0], source.column)
+                    (record.drives if are_drives else record.sources)[name] = source._replace(column=own)
+                elif holders or not self._planned:
+                    others = [n for record in records for n in record.table.columns if n != record.file.time.column]
+                    problem = problem or f"no column `{source.column}` ({suggest(source.column, others)})"
+                    self._remark(self._header_line, f"{problem}; {name} is missing in this run")
 
     @staticmethod
     def _several(name: str, source: ColumnSource, holders: Sequence[tuple[_Record, str]]) -> str:
@@ -259,37 +255,35 @@ class RunReader:
         stamp of any of them.
 
         Raises:
-            TableError: no record has time stamps.
-            TimingError: no record has samples at the stated times.
+            TableError: no record has time stamps, or samples at the stated times.
         """
-        stamps, problems = {}, []
+        problems = []
         for record in needed:
             self._at(record)
             try:
-                stamps[id(record)] = self._time_stamps(self._with_time(record, records), record.drives.values())
+                stamps = self._time_stamps(self._with_time(record, records), record.drives.values())
+                record.order, record.before, record.time = stamps
             except TableError as error:
                 problems.append((record, error))
-        zeros = {}
-        for record in (r for r in needed if id(r) in stamps):
-            timing, (*_, time) = self._timing(entry, record), stamps[id(record)]
+        dated, zeros = [record for record in needed if not any(record is of for of, _ in problems)], []
+        for record in dated:
+            time, others = record.time, [other for other in needed if len(other.time) and len(record.time)]
             alike = [
-                of for other in needed
-                if (of := stamps.get(id(other), (time[:0],))[-1]).size and len(time)
-                and (other.file is record.file or of[0] <= time[-1] and time[0] <= of[-1])
+                other.time for other in others
+                if other.file is record.file or other.time[0] <= time[-1] and time[0] <= other.time[-1]
             ]  # fmt: skip
             earliest = min(alike, key=lambda of: of[0], default=time)
-            zeros[id(record)] = None if earliest is time else timing.zero(earliest)
-        for record in (r for r in needed if id(r) in stamps):
+            zeros.append(None if earliest is time else self._timing(entry, record).zero(earliest))
+        for record, zero in zip(dated, zeros, strict=True):
             self._at(record)
-            order, before, time = stamps[id(record)]
             try:
                 part, record.time, record.used, remarks = self._timing(entry, record).apply(
-                    record.file.path, time, zeros[id(record)]
+                    record.file.path, record.time, zero
                 )
-            except TimingError as error:
+            except TableError as error:
                 problems.append((record, error))
                 continue
-            record.order, record.before = order[part], before[part]
+            record.order, record.before = record.order[part], record.before[part]
             self.remarks += remarks
         if len(problems) == len(needed) or any(record.drives for record, _ in problems):
             self._at(problems[0][0])
@@ -297,12 +291,11 @@ class RunReader:
         for record, error in problems:
             needed.remove(record)
             self._at(record)
-            self._remark(getattr(error, "line", 0), f"{error}; {', '.join(record.sources)} left out of this run")
+            self._remark(error.line, f"{error}; {', '.join(record.sources)} left out of this run")
 
     @staticmethod
     def _timing(entry: RunEntry, record: _Record) -> RecordTiming:
-        start = record.file.start
-        return entry.timing if start is None else dataclasses.replace(entry.timing, start=start)
+        return dataclasses.replace(entry.timing, start=record.file.time.start)
 
     def _with_time(self, record: _Record, records: Sequence[_Record]) -> Table:
         """The table of a record, with the time stamps of another table of its file where it has none of its own."""
@@ -314,15 +307,6 @@ class RunReader:
             if (own := other.own_name(name)) is not None:
                 return dataclasses.replace(table, columns=table.columns | {name: other.columns[own]})
         return table
-
-    def _drive(self, name: str, record: _Record) -> Recorded:
-        """A recorded drive, without the blank rows between its samples if it is slower than its table."""
-        self._at(record)
-        order, before, time = record.order, record.before, record.time
-        column = record.table.columns.get(record.drives[name].column)
-        if column is not None and (rows := _sparse_rows(column.values[order], len(order))) is not None:
-            order, before, time = order[rows], before[rows], time[rows]
-        return self._recorded_drive(name, record.drives[name], record.table, order, before, time)
 
     def _signals_by_rate(self, record: _Record) -> list[tuple[dict[str, np.ndarray], np.ndarray]]:
         """The signals of a record with the places (samples,) of their samples in its time axis.
@@ -369,8 +353,7 @@ class RunReader:
     def _remark_unused(self, record: _Record, known: Collection[str]) -> None:
         unused = [f"`{column[:MAX_QUOTED]}`" for column in record.table.columns if column not in known]
         if unused:
-            more = f" and {len(unused) - MAX_NAMES} more" if len(unused) > MAX_NAMES else ""
-            names, is_one = ", ".join(unused[:MAX_NAMES]) + more, len(unused) == 1
+            names, is_one = listed(unused, MAX_NAMES), len(unused) == 1
             subject, verb = (f"column {names} is", "it is") if is_one else (f"columns {names} are", "they are")
             sentence = f"{subject} not named in the campaign; {verb} not used"
             self._remark(self._header_line, sentence, Severity.NOTE)
@@ -382,8 +365,7 @@ class RunReader:
         for signal, values in signals.items():
             excessive = np.flatnonzero(np.abs(values) > MAX_SIZE)
             if len(excessive):
-                count = "1 value" if len(excessive) == 1 else f"{len(excessive)} values"
-                unit = self._machine.signals[signal].unit
+                count, unit = counted(len(excessive), "value"), self._machine.signals[signal].unit
                 sentence = f"{signal}: {count} beyond {MAX_SIZE:.0e} {unit}; taken as missing"
                 self._remark(int(lines[excessive[0]]), sentence)
             values = np.where(np.abs(values) <= MAX_SIZE, values, np.nan)
@@ -398,7 +380,7 @@ class RunReader:
                 holes.setdefault((int(lines[intervals[0][0]]), sentence), []).append(signal)
                 continue
             for first, last in intervals:
-                count = "1 missing sample" if first == last else f"{last - first + 1} missing samples"
+                count = counted(last - first + 1, "missing sample")
                 until = "" if first == last else f" up to line {lines[last]}"
                 holes.setdefault((int(lines[first]), f"{count}{until}; left out"), []).append(signal)
         for (line, sentence), names in holes.items():
@@ -418,13 +400,12 @@ class RunReader:
         if column.fault is not None:
             raise column.fault
         stated = column.unit or source.unit
-        zero = to_si(f"0 {stated}", unit, f"1 {display_unit(unit)}")
+        with np.errstate(over="ignore"):
+            values = values_to_si(column.values, stated, unit, f"1 {display_unit(unit)}")
         if column.unit and source.unit and to_si(f"1 {column.unit}", unit) != to_si(f"1 {source.unit}", unit):
             units = f"column `{source.column}` is in {column.unit}, the campaign states {source.unit}"
             self._remark(self._header_line, f"{units}; the unit in the header is used", Severity.WARNING)
-        size = to_si(f"1 {stated}", unit) - zero
-        with np.errstate(over="ignore"):
-            return zero + size * column.values
+        return values
 
     def _time_stamps(
         self, table: Table, drives: Iterable[ColumnSource]
@@ -459,51 +440,50 @@ class RunReader:
         increasing = (finite & (time > np.concatenate([[-np.inf], latest[:-1]])))[first]
         kept = np.flatnonzero(increasing & ~np.append(goes_on[1:], False))
         if goes_on.any():
-            k, count = int(np.argmax(goes_on)), int(np.sum(first[kept] < kept))
-            places = "1 place" if count == 1 else f"{count} places"
+            k, places = int(np.argmax(goes_on)), counted(int(np.sum(first[kept] < kept)), "place")
             sentence = f"the drives step in {places}, with rows at one time; measured signals count as in the last row"
             self._remark(int(table.lines[k]), sentence, Severity.NOTE)
         dropped = np.flatnonzero(~increasing)
         if len(dropped) > MAX_DISORDER * len(time):
             sentence = f"time does not increase in {len(dropped)} of {len(time)} samples"
             raise TableError(int(table.lines[dropped[0]]), sentence)
-        intervals = np.split(dropped, np.flatnonzero(np.diff(dropped) > 1) + 1) if len(dropped) else []
+        intervals = true_intervals(~increasing)
         if len(intervals) > MAX_LISTED:
             count, until = f"{len(dropped)} samples in {len(intervals)} places", table.lines[dropped[-1]]
             sentence = f"time does not increase, or is missing, in {count} up to line {until}; they are left out"
             self._remark(int(table.lines[dropped[0]]), sentence)
             intervals = []
-        for rows in intervals:
-            k, until = rows[0], table.lines[rows[-1]]
+        for k, last in intervals:
             problem = f"time {time[k]:.6g} s does not come after {latest[k]:.6g} s" if finite[k] else "no time"
-            left_out = "the sample is left out" if len(rows) == 1 else f"left out up to line {until}"
+            left_out = "the sample is left out" if k == last else f"left out up to line {table.lines[last]}"
             self._remark(int(table.lines[k]), f"{problem}; {left_out}")
         return kept, first[kept], time[kept]
 
-    def _recorded_drive(
-        self, drive: str, source: ColumnSource, table: Table, order: np.ndarray, before: np.ndarray, time: np.ndarray
-    ) -> Recorded:
+    def _drive(self, drive: str, record: _Record) -> Recorded:
         """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop.
 
-        The rows `order` and `before` of the samples differ where a drive steps, see `_time_stamps`.
+        Where it is slower than its table the blank rows between its samples do not count.
         """
-        machine = self._machine
+        self._at(record)
+        machine, source, table = self._machine, record.drives[drive], record.table
+        si, name = machine.drive_unit(drive), source.column
         what = "set point" if drive == "reference" else drive.replace("_", " ")
-        name = source.column
-        if name not in table.columns:
+        column = table.columns.get(name)
+        if column is None:
             sentence = f"no column `{name}` with the {what} ({suggest(name, table.columns)})"
             raise TableError(self._header_line, sentence)
-        column = table.columns[name]
-        if not column.unit and not source.unit and machine.drive_unit(drive) != "-":
-            usual = display_unit(machine.drive_unit(drive))
+        if not column.unit and not source.unit and si != "-":
+            usual = display_unit(si)
             remedy = f"write for example `{name} [{usual}]` there, or `{drive}: {{column: {name}, unit: {usual}}}`"
-            sentence = f"column `{name}`: a unit is missing; {remedy}"
-            raise TableError(self._header_line, sentence)
-        si, unit = machine.drive_unit(drive), column.unit or source.unit
+            raise TableError(self._header_line, f"column `{name}`: a unit is missing; {remedy}")
+        # rows of the samples, and the first rows at their times: they differ where a drive steps
+        order, before, time = record.order, record.before, record.time
+        if (rows := _sparse_rows(column.values[order], len(order))) is not None:
+            order, before, time = order[rows], before[rows], time[rows]
         try:
-            amplifier = getattr(machine, "amplifier", None)
-            if si == "V" and isinstance(amplifier, CurrentAmplifier) and _is_current(unit):
-                values = self._in_si(source, column, "A") / float(machine.amplifier.amplifier_gain)
+            amplifier, unit = getattr(machine, "amplifier", None), column.unit or source.unit
+            if si == "V" and isinstance(amplifier, CurrentAmplifier) and is_unit_of(unit, "A"):
+                values = self._in_si(source, column, "A") / float(amplifier.amplifier_gain)
             else:
                 values = self._in_si(source, column, si)
             rows = np.union1d(before, order)
@@ -544,19 +524,3 @@ def _sparse_rows(values: np.ndarray, filled: int) -> np.ndarray | None:
     steps = np.diff(rows)
     is_regular = np.mean(np.abs(steps - np.median(steps)) <= 1) > MIN_REGULAR_SHARE
     return rows if is_regular else None
-
-
-def _named_parts(name: str, runs: Sequence[BenchRun]) -> list[BenchRun]:
-    """The parts of a run with their names: that of the run, and those with what they measure after it."""
-    return [
-        dataclasses.replace(run, name=f"{name}, {', '.join(run.signals)}", part_of=name) if k else run
-        for k, run in enumerate(runs)
-    ]
-
-
-def _is_current(unit: str) -> bool:
-    try:
-        to_si(f"1 {unit}", "A")
-    except UnitError:
-        return False
-    return True

@@ -5,7 +5,7 @@ recorded signal only: the controller of the machine sees the true value. All mod
 differentiated in their parameters.
 """
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import jax
 import jax.numpy as jnp
@@ -143,9 +143,7 @@ class Quantisation:
 
 
 SensorModel = SensorLag | SensorDelay | SensorGain | SensorOffset | AntiAliasFilter | Sampling | Quantisation
-SENSOR_MODELS: tuple[type[SensorModel], ...] = (
-    SensorLag, SensorDelay, SensorGain, SensorOffset, AntiAliasFilter, Sampling, Quantisation,
-)  # fmt: skip
+SENSOR_MODELS: tuple[type[SensorModel], ...] = get_args(SensorModel)
 
 
 def record(chain: tuple[SensorModel, ...], time, values) -> Any:

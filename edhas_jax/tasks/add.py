@@ -18,12 +18,11 @@ from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.machine.effects import Effect
 from edhas_jax.machine.effects.loading import effect_spec, load_effect
 from edhas_jax.machine.parameters import find_parameter, short_names
-from edhas_jax.measurements.campaign import Campaign, CampaignError, Use
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
-from edhas_jax.measurements.campaign_reader import OF_RUNS, as_campaign
+from edhas_jax.measurements.campaign import CAMPAIGN_FILE, Campaign, CampaignError, Use
+from edhas_jax.measurements.campaign_reader import as_campaign
 from edhas_jax.measurements.campaign_with_effects import description_with_effects
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED
+from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED, OF_RUNS
 from edhas_jax.measurements.unknown_parameters import ParameterScale
 from edhas_jax.tasks.result import Result, save_figure
 

@@ -12,13 +12,13 @@ from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, runs_text
-from edhas_jax.measurements.campaign_reader import as_campaign, with_values_of_runs
-from edhas_jax.measurements.comparison import Comparison, bench_corrected_errors
+from edhas_jax.measurements.campaign_reader import as_campaign
+from edhas_jax.measurements.comparison import Comparison
 from edhas_jax.measurements.comparison import compare as simulate_and_compare
 from edhas_jax.measurements.comparison_figures import draw_traces
 from edhas_jax.measurements.comparison_report import comparison_report, draw_matrices, sentences
 from edhas_jax.measurements.figures_of_merit import figures_of_merit
-from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
+from edhas_jax.measurements.fitted_model import BENCH_CORRECTED, bench_corrected_errors, with_values_of_runs
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import RESIDUAL

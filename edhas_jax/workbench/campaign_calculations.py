@@ -18,12 +18,13 @@ from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign, Severity
-from edhas_jax.measurements.campaign_reader import read_campaign, with_values_of_runs
+from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_sentences
 from edhas_jax.measurements.checks.noise_measurement import noise_as_json
-from edhas_jax.measurements.comparison import Comparison, RunComparison, bench_corrected_errors, compare
+from edhas_jax.measurements.comparison import Comparison, RunComparison, compare
 from edhas_jax.measurements.comparison_report import sentences
+from edhas_jax.measurements.fitted_model import bench_corrected_errors, with_values_of_runs
 from edhas_jax.measurements.replay import Replay
 from edhas_jax.measurements.residual_matrix import draw_residual_matrix, run_descriptions
 from edhas_jax.measurements.residual_patterns import Pattern, find_patterns

@@ -13,8 +13,7 @@ from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
-from edhas_jax.measurements.column_guess import GuessedColumn, Role, guess_columns
-from edhas_jax.measurements.sine_guess import guess_sine
+from edhas_jax.measurements.table_guess import GuessedColumn, Role, guess_columns, guess_sine
 from edhas_jax.measurements.tables.table import Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_table
 from edhas_jax.simulation.integrator import evaluate_signals

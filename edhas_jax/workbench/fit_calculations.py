@@ -15,9 +15,9 @@ from edhas_jax.inference.fit.fit_choices_reader import read_choices
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.inference.fit.uncertainty import profile_likelihood
 from edhas_jax.machine.parameters import set_parameters
-from edhas_jax.measurements.autocorrelation import autocorrelation, white_noise_band
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
 from edhas_jax.measurements.measurement_model import MeasurementModel
+from edhas_jax.measurements.residuals import autocorrelation, white_noise_band
 from edhas_jax.measurements.time_resolution import choose_time_resolution
 from edhas_jax.workbench.campaign_calculations import CampaignCalculations
 from edhas_jax.workbench.thinning import thinned

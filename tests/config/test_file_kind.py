@@ -3,7 +3,7 @@
 import pytest
 
 from edhas_jax.config.file_kind import command_of
-from edhas_jax.config.task_template import TASKS, task_template
+from edhas_jax.config.templates import TASKS, task_template
 from tests.support import CONFIGS, ROOT
 
 COMMANDS = {

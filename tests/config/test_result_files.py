@@ -8,8 +8,7 @@ import pytest
 
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
-from edhas_jax.config.result_files import ResultFiles
-from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.config.result_files import ResultFileError, ResultFiles
 from edhas_jax.core.summary import Summary
 from edhas_jax.tasks.result import Result
 from tests.support import CONFIGS

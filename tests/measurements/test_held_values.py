@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from edhas_jax.measurements.checks.held_values import find_held_values
+from edhas_jax.measurements.checks.repeated_values import find_held_values
 
 NOISE, SAMPLES = 1.0, 4000
 

@@ -21,11 +21,11 @@ from edhas_jax.measurements.checks.noise_measurement import (
     measure_noise,
     noise_as_json,
     noise_sentence,
+    recorder_resolution,
     with_measured_noise,
     without_refuted_noise,
 )
 from edhas_jax.measurements.checks.noise_records import fast_noise
-from edhas_jax.measurements.checks.recorder_resolution import recorder_resolution
 
 INTERVAL, RAMP = 2e-4, 0.1
 FREQUENCIES = (10.0, 20.0, 13.7, 30.0)  # Hz; the cycles of the last two are no whole numbers of samples

@@ -13,8 +13,8 @@ from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, C
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_as_json
-from edhas_jax.measurements.checks.held_values import find_held_values
 from edhas_jax.measurements.checks.outlier_search import Record, find_outliers
+from edhas_jax.measurements.checks.repeated_values import find_held_values
 from tests.support.faulty_campaign import copy_campaign, modify_table
 
 INTERVAL, SAMPLES = 0.01, 2000

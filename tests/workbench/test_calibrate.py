@@ -16,7 +16,7 @@ import yaml
 
 import edhas_jax as edhas
 from edhas_jax.inference.fit.calibration import STOPPED
-from edhas_jax.measurements.autocorrelation import autocorrelation, white_noise_band
+from edhas_jax.measurements.residuals import autocorrelation, white_noise_band
 from edhas_jax.workbench.jobs import CANCELLED, JobList, process_start
 from edhas_jax.workbench.workspace import Workspace
 from tests.workbench.conftest import wait_until

@@ -7,7 +7,7 @@ import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 
-from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.config.result_files import ResultFileError
 from edhas_jax.core.runtime import cores
 from edhas_jax.design.sweep.identity import versions
 

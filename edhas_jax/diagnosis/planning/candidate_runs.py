@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.machine.parameters import find_parameter, get_parameter
+from edhas_jax.machine.parameters import find_parameter, get_parameter, has_parameter
 from edhas_jax.machine.rigs import ActuatorSystem, Rig
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Use, has_parameter
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
 CYCLES_PER_RUN = 4.0  # of a periodic set point, after its soft start

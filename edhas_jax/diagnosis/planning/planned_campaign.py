@@ -9,9 +9,8 @@ import numpy as np
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity
 from edhas_jax.diagnosis.planning.candidate_runs import periodic_duration
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE, CampaignDescription, read_description
-from edhas_jax.measurements.campaign_reader import read_campaign
+from edhas_jax.measurements.campaign import CAMPAIGN_FILE, BenchRun, Campaign, CampaignError
+from edhas_jax.measurements.campaign_reader import CampaignDescription, read_campaign, read_description
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.run_reader import RunEntry
 

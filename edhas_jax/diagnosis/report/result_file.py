@@ -20,9 +20,8 @@ from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.fit.model_file import write_model_file
 from edhas_jax.measurements.campaign import Use
-from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.checks.data_summary import data_as_json
-from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED
+from edhas_jax.measurements.fitted_model import ERROR_BY_RUN, IS_CORRECTED, OF_RUNS
 from edhas_jax.measurements.residuals import rms_by_run
 
 RESULT, CALIBRATED_CONFIG_FILE = "diagnosis.json", "config_calibrated.yaml"

@@ -27,7 +27,7 @@ from edhas_jax.inference.fit.model_file import write_model_file
 from edhas_jax.inference.fit.settled_fit import settled_with_effects
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Campaign, Use
-from edhas_jax.measurements.campaign_reader import OF_RUNS
+from edhas_jax.measurements.fitted_model import OF_RUNS
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.residuals import rms_over_noise
 from edhas_jax.measurements.time_resolution import TimeResolution

@@ -20,8 +20,8 @@ from edhas_jax.inference.fit.model_file import write_model_file
 from edhas_jax.inference.fit.uncertainty import Drift, ProfileLikelihood
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.campaign import Campaign, Use, spread_entry
-from edhas_jax.measurements.campaign_reader import OF_RUNS
 from edhas_jax.measurements.checks.data_summary import data_as_json, data_sentences
+from edhas_jax.measurements.fitted_model import OF_RUNS
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
 from edhas_jax.measurements.residuals import normalised_residuals, rms_by_signal

@@ -3,12 +3,11 @@
 import dataclasses
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity, SignalsByRun
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
 from edhas_jax.measurements.checks.impossible_samples import (
     find_impossible_samples,
@@ -29,8 +28,6 @@ UNKNOWN_NOISE = (
     "its noise is not stated, and no record is long and even enough to measure it; state `noise:`, the standard "
     "deviation in the unit of the signal"
 )
-
-Models = Mapping[str, Mapping[str, np.ndarray]]
 
 
 def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | None = None) -> Campaign:
@@ -72,10 +69,9 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     for run in runs:
         signals = {}
         for name, values in run.signals.items():
-            causes = list(check_units(campaign, run, name, models, ratios[name][run.name]))
-            impossible, found = find_impossible_samples(
-                campaign, run, name, models, outliers[name][run.name], usual[name]
-            )
+            causes = check_units(campaign, run, name, models, ratios[name][run.name])
+            wrong = outliers[name][run.name]
+            impossible, found = find_impossible_samples(campaign, run, name, models, wrong, usual[name])
             signals[name] = np.where(impossible, np.nan, values) if impossible.any() else values
             removed += [removal_of(run, name, impossible)] if impossible.any() else []
             # a stuck sensor or a wrong unit also disturbs noise and shape: the cause is reported, not its effects
@@ -114,23 +110,16 @@ def _with_runs(campaign: Campaign, runs: list[BenchRun]) -> Campaign:
 def _without_unknown_noise(campaign: Campaign) -> tuple[Campaign, list[Remark]]:
     """The campaign without the signals whose noise is neither stated nor measured, and a remark on each."""
     unknown = [name for name, channel in campaign.channels.items() if not math.isfinite(channel.noise)]
-    remarks = [
-        Remark(Severity.ERROR, campaign.folder / CAMPAIGN_FILE, 0, f"{name}: {UNKNOWN_NOISE}; the signal is left out")
-        for name in unknown
-    ]
-    if not unknown:
-        return campaign, remarks
+    sentence = f"{UNKNOWN_NOISE}; the signal is left out"
     channels = {name: channel for name, channel in campaign.channels.items() if name not in unknown}
-    runs = [
-        dataclasses.replace(run, signals={n: v for n, v in run.signals.items() if n in channels})
-        for run in campaign.runs
-    ]
-    return dataclasses.replace(campaign, channels=channels, runs=tuple(runs)), remarks
+    runs = tuple(run.without_signals(unknown) for run in campaign.runs) if unknown else campaign.runs
+    remarks = [campaign.remark(Severity.ERROR, f"{name}: {sentence}") for name in unknown]
+    return dataclasses.replace(campaign, channels=channels, runs=runs), remarks
 
 
 def _simulated_runs(
     campaign: Campaign, runs: list[BenchRun], remarks: list[Remark], on_progress: Callable[[float], None] | None
-) -> Models:
+) -> SignalsByRun:
     """The signals of the model by run and signal; adds remarks on time axes and on runs that cannot be simulated."""
     usable = []
     for run in runs:
@@ -141,30 +130,29 @@ def _simulated_runs(
             usable.append(run)
     models = _simulated_together(campaign, usable)
     for k, run in enumerate(usable):
+        if run.name in models:
+            continue
+
+        def on_share(share: float, done: int = k) -> None:
+            if on_progress is not None:
+                on_progress((done + share) / len(usable))
+
         try:
-            if run.name not in models:
-                models[run.name] = _simulated(campaign, run, _share_of_all(on_progress, k, len(usable)))
+            models[run.name] = _simulated(campaign, run, on_share)
         except SimulationError as error:
             sentence = f"not compared with the model, which cannot be simulated under these conditions: {error}"
-            remarks.append(Remark(Severity.NOTE, run.file, 0, sentence))
+            remarks.append(run.remark(Severity.NOTE, sentence))
     return models
-
-
-def _share_of_all(on_progress: Callable[[float], None] | None, k: int, count: int) -> Callable[[float], None]:
-    """A callback for the completed share of task `k` of `count` that reports the share of all tasks."""
-    return lambda share: on_progress((k + share) / count) if on_progress else None
 
 
 def _simulated_together(campaign: Campaign, runs: list[BenchRun]) -> dict[str, dict[str, np.ndarray]]:
     """The signals of the model at the time stamps of the runs, SI, without the runs that fail at this step."""
-    if not runs:
+    names = tuple(name for name in campaign.channels if any(name in run.signals for run in runs))
+    if not names:
         return {}
     interval, step = _simulated_interval(campaign, runs)
     grids = [interval * np.arange(math.ceil(run.time[-1] / interval) + 1) for run in runs]
     evenly = [dataclasses.replace(run, time=grid) for run, grid in zip(runs, grids, strict=True)]
-    names = tuple(name for name in campaign.channels if any(name in run.signals for run in runs))
-    if not names:
-        return {}
     model = MeasurementModel(campaign, campaign.machine, (), evenly, signals=names)
     predicted = model.predict_all_runs(np.zeros(0), math.ceil(interval / step - 1e-9))
     return {
@@ -190,17 +178,10 @@ def _simulated(campaign: Campaign, run: BenchRun, on_progress: Callable[[float],
 
 def _check_sampling_and_files(runs: list[BenchRun]) -> list[Remark]:
     """Notes on runs with another sampling rate than most, and warnings on files that several runs name."""
-    if not runs:
-        return []
     runs = list({run.whole: run for run in reversed(runs)}.values())[::-1]  # the first part of each
-    rates = {run.name: round(1.0 / run.interval, 3) for run in runs}
-    common, _ = Counter(rates.values()).most_common(1)[0]
-    notes = [
-        Remark(Severity.NOTE, run.file, 0, f"is sampled at {rates[run.name]:.6g} Hz, most runs at {common:.6g} Hz")
-        for run in runs
-        if abs(rates[run.name] / common - 1.0) > 0.01
-    ]
-    files = Counter(run.file for run in runs)
-    return notes + [
-        Remark(Severity.WARNING, file, 0, f"is used by {count} runs") for file, count in files.items() if count > 1
-    ]
+    rates, files = [round(1.0 / run.interval, 3) for run in runs], Counter(run.file for run in runs)
+    common = Counter(rates).most_common(1)[0][0] if rates else 0.0
+    others = [(run, rate) for run, rate in zip(runs, rates, strict=True) if abs(rate / common - 1.0) > 0.01]
+    notes = [run.remark(Severity.NOTE, f"is sampled at {r:.6g} Hz, most runs at {common:.6g} Hz") for run, r in others]
+    several = [(file, count) for file, count in files.items() if count > 1]
+    return notes + [Remark(Severity.WARNING, file, 0, f"is used by {count} runs") for file, count in several]

@@ -6,14 +6,14 @@ in all runs. Therefore only a shift that other signals do not share and that lea
 sensor lag is a property of the sensor, not an error in the files.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from edhas_jax.core import runtime
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, SignalsByRun
 from edhas_jax.measurements.sensor_models import SensorLag
 
 MIN_SHIFT = 1e-3  # s; a wrong parameter can cause smaller shifts
@@ -43,7 +43,7 @@ class DelayCheck:
         models: signals of the model (samples,) at the time stamps, by run and signal, SI; runs without are not checked.
     """
 
-    def __init__(self, campaign: Campaign, models: Mapping[str, Mapping[str, np.ndarray]]):
+    def __init__(self, campaign: Campaign, models: SignalsByRun):
         self._runs = {run.name: run for run in campaign.runs if run.name in models}
         self._models = models
         self._shifts = {
@@ -52,33 +52,33 @@ class DelayCheck:
             for name, values in run.signals.items()
             if np.isfinite(values).any() and np.nanmin(values) < np.nanmax(values)
         }
-        names = campaign.channels
-        self._median_delay = {name: self._median(name) for name in names}
+        self._median_delay = {name: self._median(name) for name in campaign.channels}
 
     def check(self) -> Iterator[Remark]:
         """Yield warnings on shifts of a signal in every run, of whole runs, and of single signals in single runs."""
         everywhere = [name for name in self._median_delay if self._is_shifted_everywhere(name)]
         for name in everywhere:
             delay = _delay_text(self._median_delay[name])
-            for run in list(self._runs.values())[:1]:
-                sentence = f"{name} is {delay} against the model in every run, and no other signal is"
-                yield _warning(run, f"{sentence}; was it recorded separately, or does its sensor delay it?")
+            sentence = f"{name} is {delay} against the model in every run, and no other signal is"
+            first = next(iter(self._runs.values()))
+            yield first.warning(f"{sentence}; was it recorded separately, or does its sensor delay it?")
         for run in self._runs.values():
             names = [name for other, name in self._shifts if other == run.name]
             if min((self._shifts[run.name, name].difference for name in names), default=0.0) > MAX_SHAPE_DIFFERENCE:
-                yield _warning(run, "no signal looks like the model's; was the run made under these conditions?")
+                yield run.warning("no signal looks like the model's; was the run made under these conditions?")
                 continue
             excess = {n: self._excess_delay(run, n) for n in names if n not in everywhere}
             delays = list(excess.values())
             shifted = [n for n in excess if self._is_shifted(run, n, excess[n])]
-            same_sign = len(delays) > 1 and shifted and min(delays) * max(delays) > 0
-            if same_sign and _relative_range(delays) < MAX_COMMON_SPREAD:
-                delay = _delay_text(float(np.median(delays)))
-                yield _warning(run, f"all signals are {delay} against the set point; does its time start with the run?")
+            middle = float(np.median(delays)) if len(delays) > 1 else 0.0
+            same_sign = middle and shifted and min(delays) * max(delays) > 0
+            if same_sign and np.ptp(delays) / abs(middle) < MAX_COMMON_SPREAD:
+                delay = _delay_text(middle)
+                yield run.warning(f"all signals are {delay} against the set point; does its time start with the run?")
                 continue
             for name in shifted:
                 if not any(_shares(excess[other], excess[name]) for other in excess if other != name):
-                    yield _warning(run, f"{name} is {_delay_text(excess[name])} against the other signals of this run")
+                    yield run.warning(f"{name} is {_delay_text(excess[name])} against the other signals of this run")
 
     def _best_shift(self, campaign: Campaign, run: BenchRun, name: str) -> Shift:
         cycle = campaign.machine_of(run).cycle
@@ -148,10 +148,6 @@ def _lagged(lag, time, values):
     return SensorLag(lag_time=lag).record(time, values)
 
 
-def _warning(run: BenchRun, sentence: str) -> Remark:
-    return Remark(Severity.WARNING, run.file, 0, sentence)
-
-
 def _delay_text(delay: float) -> str:
     return f"{format_quantity(abs(delay), 's')} {'late' if delay > 0.0 else 'early'}"
 
@@ -159,7 +155,3 @@ def _delay_text(delay: float) -> str:
 def _shares(other: float, delay: float) -> bool:
     """Whether another delay has the same sign and a good part of the size."""
     return other * delay > 0.0 and abs(other) > MIN_SHARED_PORTION * abs(delay)
-
-
-def _relative_range(delays: list[float]) -> float:
-    return float(np.ptp(delays) / abs(np.median(delays)))

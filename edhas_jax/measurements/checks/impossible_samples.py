@@ -1,19 +1,18 @@
 """Find the samples of a signal that cannot be right: spikes and drop-outs, a stuck sensor, a sensor at its limit."""
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Remark, Removal, Severity
-from edhas_jax.measurements.checks.held_values import find_held_values
+from edhas_jax.core.wording import counted, listed
+from edhas_jax.machine.components.controllers import Supply
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Remark, Removal, Severity, SignalsByRun
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
 from edhas_jax.measurements.checks.outlier_search import Record, find_excursions, find_outliers
-from edhas_jax.measurements.checks.signal_checks import (
+from edhas_jax.measurements.checks.repeated_values import (
+    find_held_values,
     is_clipped_at,
-    is_sensor_limit,
-    is_supply_limit,
     stuck_intervals,
     true_intervals,
 )
@@ -26,11 +25,9 @@ MIN_NOISE_OVER_RESOLUTION = 1.0  # of a sensor that cannot repeat a value by cha
 MAX_STUCK = 2  # intervals at which a sensor is stuck; a recorder that writes changes only leaves more
 MAX_LISTED = 5  # spikes of a signal whose times are listed
 
-Models = Mapping[str, Mapping[str, np.ndarray]]
-
 
 def find_signal_outliers(
-    campaign: Campaign, name: str, models: Models, with_excursions: bool = True
+    campaign: Campaign, name: str, models: SignalsByRun, with_excursions: bool = True
 ) -> dict[str, np.ndarray]:
     """Find the spikes and drop-outs of a signal, in all runs together.
 
@@ -67,7 +64,7 @@ def find_signal_outliers(
 
 
 def find_impossible_samples(
-    campaign: Campaign, run: BenchRun, name: str, models: Models, outliers: np.ndarray, noise_ratio: float
+    campaign: Campaign, run: BenchRun, name: str, models: SignalsByRun, outliers: np.ndarray, noise_ratio: float
 ) -> tuple[np.ndarray, list[Remark]]:
     """Find the samples of a signal that are left out, because the records alone prove that they are wrong.
 
@@ -103,25 +100,22 @@ def find_impossible_samples(
         if is_proven:
             leave_out(mask, sentence)
         elif run.name not in models or _model_moves(channel, run, mask, models[run.name][name], resolution):
-            unproven.append((int(run.lines[int(np.argmax(mask))]), sentence))
+            unproven.append((int(np.argmax(mask)), sentence))
 
     if not np.isfinite(values).any():
         return found, remarks
     low, high = np.nanmin(values), np.nanmax(values)
     limits = [v for v in (low, high) if low < high and is_clipped_at(values, v)]
     for limit in limits:
-        if is_sensor_limit(campaign, name, limit) or name == "voltage" and is_supply_limit(campaign, run, limit):
+        if _is_sensor_limit(campaign, name, limit) or name == "voltage" and _is_supply_limit(campaign, run, limit):
             continue
         beyond = "below" if limit == low else "above"
         text = format_quantity(limit, unit)
         sentence = f"clipped: {{count}} samples are exactly {text}, none is {beyond}"
         judge(values == limit, sentence, is_noisy and limit != 0.0)
-    stuck = [(0, len(values) - 1)] if low == high else stuck_intervals(values)
-    stuck = [
-        (first, last)
-        for first, last in stuck
-        if values[first] not in limits and not is_sensor_limit(campaign, name, values[first])
-    ]
+    equal = [(0, len(values) - 1)] if low == high else stuck_intervals(values)
+    ends = [value for value in {values[first] for first, _ in equal} if _is_sensor_limit(campaign, name, value)]
+    stuck = [(first, last) for first, last in equal if values[first] not in (*limits, *ends)]
     for first, last in stuck:
         mask = np.zeros(len(values), bool)
         mask[first : last + 1] = True
@@ -142,24 +136,35 @@ def find_impossible_samples(
             leave_out(spikes, _spike_text(run, values, spikes, unit, has_cycles))
     if unproven:
         more = f", and {len(unproven) - 1} more such places" if len(unproven) > 1 else ""
-        sentence = f"{name}: {unproven[0][1]}{more}; used, as the records prove no fault"
-        remarks.append(Remark(Severity.WARNING, run.file, unproven[0][0], sentence))
+        first, sentence = unproven[0]
+        remarks.append(run.warning(f"{name}: {sentence}{more}; used, as the records prove no fault", first))
     return (np.zeros(len(values), bool) if name in run.keep else found), remarks
 
 
 def left_out_remark(run: BenchRun, name: str, mask: np.ndarray, sentence: str) -> Remark:
     """The remark on samples (mask) of a signal that are left out, or kept where the campaign says so."""
     share = f"{100.0 * np.count_nonzero(mask) / len(mask):.2g} % of the record"
-    line = int(run.lines[int(np.argmax(mask))])
     if name in run.keep:
-        return Remark(Severity.WARNING, run.file, line, f"{name}: {sentence}; {share}, kept as the campaign says")
-    return Remark(Severity.ERROR, run.file, line, f"{name}: {sentence}; {share}; left out")
+        return run.warning(f"{name}: {sentence}; {share}, kept as the campaign says", int(np.argmax(mask)))
+    return run.remark(Severity.ERROR, f"{name}: {sentence}; {share}; left out", int(np.argmax(mask)))
 
 
 def removal_of(run: BenchRun, name: str, mask: np.ndarray) -> Removal:
     """How many samples (mask) of a signal are left out."""
     count = int(np.count_nonzero(mask))
     return Removal(run.name, name, count, count / len(mask))
+
+
+def _is_sensor_limit(campaign: Campaign, name: str, value: float) -> bool:
+    """Whether a value is an end of the range that the campaign states for the sensor."""
+    limits = [limit for limit in campaign.channels[name].limits if np.isfinite(limit)]
+    return any(abs(value - limit) <= 1e-6 * abs(limit) + 1e-12 for limit in limits)
+
+
+def _is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
+    """Whether a command stands at the supply voltage, where the controller itself limits it."""
+    supply = getattr(campaign.machine_of(run), "supply", None)
+    return isinstance(supply, Supply) and abs(abs(value) / float(supply.supply_voltage) - 1.0) < 0.01
 
 
 def _others_move(campaign: Campaign, run: BenchRun, name: str, mask: np.ndarray) -> bool:
@@ -197,11 +202,9 @@ def _resolution(values: np.ndarray) -> float:
 def _held_text(run: BenchRun, held: np.ndarray) -> str:
     """How many samples repeat the one before, and when."""
     intervals = true_intervals(held)
-    times = [format_quantity(run.time[first], "s") for first, _ in intervals[:MAX_LISTED]]
-    more = f" and {len(intervals) - MAX_LISTED} more" if len(intervals) > MAX_LISTED else ""
-    places = "1 place" if len(intervals) == 1 else f"{len(intervals)} places"
-    what = f"{held.sum()} samples in {places} repeat the one before, a drop-out of the recorder"
-    return f"{what}: {', '.join(times)}{more}"
+    times = listed([format_quantity(run.time[first], "s") for first, _ in intervals], MAX_LISTED)
+    places = counted(len(intervals), "place")
+    return f"{held.sum()} samples in {places} repeat the one before, a drop-out of the recorder: {times}"
 
 
 def _spike_text(run: BenchRun, values: np.ndarray, spikes: np.ndarray, unit: str, has_cycles: bool) -> str:
@@ -209,19 +212,15 @@ def _spike_text(run: BenchRun, values: np.ndarray, spikes: np.ndarray, unit: str
     intervals = true_intervals(spikes)
     regular = values[~spikes & np.isfinite(values)]
 
-    def extreme(first: int, last: int) -> float:
-        part = values[first : last + 1]
-        return float(part[np.argmax(np.abs(part - np.median(regular)))])
-
     def text(first: int, last: int) -> str:
-        return f"{format_quantity(extreme(first, last), unit)} at {format_quantity(run.time[first], 's')}"
+        part = values[first : last + 1]
+        extreme = float(part[np.argmax(np.abs(part - np.median(regular)))])
+        return f"{format_quantity(extreme, unit)} at {format_quantity(run.time[first], 's')}"
 
-    listed = [text(*interval) for interval in intervals[:MAX_LISTED]]
+    places = [text(*interval) for interval in intervals]
     cycles = " and from other cycles" if has_cycles else ""
     if len(intervals) == 1:
-        count = int(spikes.sum())
-        samples = "1 sample" if count == 1 else f"{count} samples"
-        return f"an isolated outlier of {listed[0]} ({samples}), far from its neighbours{cycles}"
-    more = f" and {len(intervals) - MAX_LISTED} more" if len(intervals) > MAX_LISTED else ""
+        samples = counted(int(spikes.sum()), "sample")
+        return f"an isolated outlier of {places[0]} ({samples}), far from its neighbours{cycles}"
     count = f"{len(intervals)} isolated outliers ({spikes.sum()} samples)"
-    return f"{count}, far from their neighbours{cycles}: {', '.join(listed)}{more}"
+    return f"{count}, far from their neighbours{cycles}: {listed(places, MAX_LISTED)}"

@@ -15,31 +15,15 @@ A fit refutes a noise that is larger than all that it leaves of the signal (`wit
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from edhas_jax.core.units import from_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
-from edhas_jax.measurements.campaign_description import CAMPAIGN_FILE
-from edhas_jax.measurements.checks.noise_correlation import (
-    Autocovariance,
-    autocorrelation_of,
-    autoregression,
-)
-from edhas_jax.measurements.checks.noise_records import (
-    FAST_HALF_WIDTH,
-    SLOW_HALF_WIDTH,
-    autocovariance_of,
-    block_mean_squares,
-    cycle_residuals,
-    fast_noise,
-    local_residual,
-    polynomial_gain,
-    without_signal,
-)
-from edhas_jax.measurements.checks.recorder_resolution import recorder_resolution
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity, SignalsByRun
+from edhas_jax.measurements.checks import noise_records as records
+from edhas_jax.measurements.checks.noise_correlation import Autocovariance, autocorrelation_of, autoregression
 
 MAX_NOISE_DEVIATION = 0.2  # relative; a measured noise that deviates more is said
 MAX_STATED_DEVIATION, MAX_STANDARD_ERRORS = 0.05, 5.0  # a measured noise that deviates by more than both is used
@@ -50,9 +34,13 @@ MAX_CYCLES_OVER_LOCAL = 1.3  # noise between cycles over its local upper bound; 
 QUIET_SHARE = 0.2  # of the blocks, the quietest
 QUIET_MEAN_SQUARE = 0.78  # largest mean square of those of white noise over that of all, from simulated noise
 MIN_WHITE_RATIO, MAX_WHITE_RATIO = 0.7, 1.12  # mean square of slow over fast deviations of white noise, with scatter
-WIDTHS = (FAST_HALF_WIDTH, SLOW_HALF_WIDTH)  # samples on either side of the local polynomials
+FAST, SLOW = records.FAST_HALF_WIDTH, records.SLOW_HALF_WIDTH  # samples on either side of the local polynomials
 STANDARD_ERROR_LAGS = 200  # sample intervals of correlation that count in the standard error of a measured noise
 FIRST_ORDER = np.linspace(0.0, 0.95, 96)  # coefficients of an autoregressive model of first order
+MIN_VALUES = 8  # different values of a record; fewer do not show a regular step
+SMALLEST_GAPS = 0.5  # share of the gaps between neighbouring values, the smallest, that are mostly one step
+MAX_MISS = 0.1  # of a value from a whole number of steps, in steps
+MIN_SHARE_ON_STEPS = 0.95  # of the values
 
 
 class MeasuredNoise(NamedTuple):
@@ -76,7 +64,7 @@ class MeasuredNoise(NamedTuple):
         """The correlation of noise of this level; within bounds, that of first order which has the fast part."""
         if self.low == self.high or not math.isfinite(self.high):
             return self.correlation
-        ratios = np.array([_mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER])
+        ratios = np.array([_mean_square_ratio(a, FAST) for a in FIRST_ORDER])
         coefficient = float(np.interp(-((self.fast / level) ** 2), -ratios, FIRST_ORDER))
         return (coefficient,) if coefficient > 0.0 else ()
 
@@ -137,9 +125,7 @@ def _standard_error(coefficients: Sequence[float], samples: float) -> float:
     return math.sqrt((1.0 + 2.0 * float(np.sum(np.square(correlation)))) / (2.0 * samples))
 
 
-def without_refuted_noise(
-    campaign: Campaign, residuals: Mapping[str, Mapping[str, np.ndarray]], fitted: int
-) -> Campaign:  # fmt: skip
+def without_refuted_noise(campaign: Campaign, residuals: SignalsByRun, fitted: int) -> Campaign:
     """Lower the noise of the signals of which a fit leaves less than their noise.
 
     Args:
@@ -179,8 +165,8 @@ def without_refuted_noise(
 def measure_noise(campaign: Campaign, name: str) -> MeasuredNoise | None:
     """Measure the noise of a signal; None where its records are too short or uneven."""
     runs = [run for run in campaign.runs if name in run.signals]
-    between_cycles = [autocovariance_of(cycle_residuals(run, name, campaign.machine_of(run))) for run in runs]
-    whole = _pooled([found for found in between_cycles if found is not None])
+    between_cycles = (records.cycle_residuals(run, name, campaign.machine_of(run)) for run in runs)
+    whole = _pooled([found for residuals in between_cycles if (found := records.autocovariance_of(residuals))])
     local = _local_noise(runs, name)
     resolution = recorder_resolution([run.signals[name] for run in runs])
     rounding = resolution / math.sqrt(12.0)
@@ -218,35 +204,36 @@ def _local_noise(runs: list[BenchRun], name: str) -> MeasuredNoise | None:
     """The noise of a signal from local polynomials; None where its records are too short or uneven."""
     levels, samples, quiet = [], [], []
     for run in runs:
-        level, fast, slow = fast_noise(run, name), *(local_residual(run, name, w) for w in WIDTHS)
+        level, fast, slow = records.fast_noise(run, name), *(records.local_residual(run, name, w) for w in (FAST, SLOW))
         if slow is None or not level > 0.0:
             continue
-        margin = SLOW_HALF_WIDTH - FAST_HALF_WIDTH
-        used = without_signal(fast.values)[margin : len(fast.values) - margin]
+        margin = SLOW - FAST
+        used = records.without_signal(fast.values)[margin : len(fast.values) - margin]
         levels.append(level)
         samples.append(float(np.isfinite(used).sum()))
-        ratios = block_mean_squares(np.where(np.isfinite(used), slow.values, np.nan)) / slow.white_gain / level**2
+        squares = records.block_mean_squares(np.where(np.isfinite(used), slow.values, np.nan))
+        ratios = squares / slow.white_gain / level**2
         quiet.append(ratios[np.isfinite(ratios)])
     if sum(samples) < MIN_SAMPLES:
         return None
     level = _weighted_median(levels, samples)
     quiet = np.concatenate(quiet)
     ratio = float(np.quantile(quiet, QUIET_SHARE)) / QUIET_MEAN_SQUARE if len(quiet) else 1.0
+    low, high, correlation = level, level, ()
     if ratio < MIN_WHITE_RATIO:
-        return MeasuredNoise(math.sqrt(ratio) * level, level, level, (), sum(samples))
-    if ratio < MAX_WHITE_RATIO:
-        return MeasuredNoise(level, level, level, (), sum(samples))
-    ratios = [_mean_square_ratio(a, SLOW_HALF_WIDTH) / _mean_square_ratio(a, FAST_HALF_WIDTH) for a in FIRST_ORDER]
-    if ratio > ratios[-1]:  # the signal is nowhere quiet
-        return MeasuredNoise(level, math.inf, level, (), sum(samples))
-    coefficient = float(np.interp(ratio, ratios, FIRST_ORDER))
-    high = level / math.sqrt(_mean_square_ratio(coefficient, FAST_HALF_WIDTH))
-    return MeasuredNoise(level, high, level, (coefficient,), sum(samples))
+        low = math.sqrt(ratio) * level
+    elif ratio >= MAX_WHITE_RATIO:
+        ratios = [_mean_square_ratio(a, SLOW) / _mean_square_ratio(a, FAST) for a in FIRST_ORDER]
+        high = math.inf  # the signal is nowhere quiet
+        if ratio <= ratios[-1]:
+            correlation = (float(np.interp(ratio, ratios, FIRST_ORDER)),)
+            high = level / math.sqrt(_mean_square_ratio(*correlation, FAST))
+    return MeasuredNoise(low, high, level, correlation, sum(samples))
 
 
 def _mean_square_ratio(coefficient: float, half_width: int) -> float:
     """Mean square of the deviations of noise of first order from local polynomials, over that of white noise."""
-    gain = polynomial_gain(half_width)
+    gain = records.polynomial_gain(half_width)
     middle = len(gain) // 2
     correlation = autocorrelation_of((coefficient,), middle)
     return float(gain[middle] + 2.0 * gain[middle + 1 :] @ correlation[1:]) / float(gain[middle])
@@ -259,33 +246,27 @@ def noise_sentence(campaign: Campaign) -> str | None:
         stated, measured, fitted = channel.stated_noise, channel.measured_noise, channel.fitted_noise
         unit = campaign.machine.signals[name].unit
         size = from_si(1.0, unit, channel.unit) - from_si(0.0, unit, channel.unit)
+        levels = ((level, word) for level, word in ((stated, "stated"), (measured, "measured")) if level)
+        told = ", ".join(f"{size * level:.3g} {channel.unit} {word}" for level, word in levels)
         if fitted is not None:
-            levels = ((stated, "stated"), (measured, "measured"))
-            told = [f"{size * level:.3g} {channel.unit} {word}" for level, word in levels if level]
-            refuted.append(f"{size * fitted:.3g} {channel.unit} of {name} ({', '.join(told)})")
+            refuted.append(f"{size * fitted:.3g} {channel.unit} of {name} ({told})")
         elif stated is not None and measured is not None and abs(measured / stated - 1.0) > MAX_NOISE_DEVIATION:
-            text = f"{name} {size * stated:.3g} {channel.unit} stated, {size * measured:.3g} {channel.unit} measured"
-            (used if channel.sensor_noise == measured else kept).append(text)
+            (used if channel.sensor_noise == measured else kept).append(f"{name} {told}")
     sentences = [f"Stated and measured noise differ: {'; '.join(used + kept)}."] if used or kept else []
     several = sum(map(bool, (used, kept, refuted))) > 1
-    if used:
-        sentences.append("The measured noise is used" + (f" for {_names(used)}." if several else "."))
-    if kept:
-        reason = "without repeated cycles only the fast part of the noise can be measured"
-        sentences.append("The stated noise is used" + (f" for {_names(kept)}" if several else "") + f": {reason}.")
+    reason = ": without repeated cycles only the fast part of the noise can be measured"
+    for texts, what, why in ((used, "measured", ""), (kept, "stated", reason)):
+        names = f" for {', '.join(text.partition(' ')[0] for text in texts)}" if several else ""
+        sentences += [f"The {what} noise is used{names}{why}."] if texts else []
     if refuted:
         sentences.append(f"The fit leaves only {', '.join(refuted)}: the noise cannot be larger, and that is used.")
     return " ".join(sentences) or None
 
 
-def _names(texts: list[str]) -> str:
-    return ", ".join(text.partition(" ")[0] for text in texts)
-
-
 def noise_remarks(campaign: Campaign) -> list[Remark]:
     """The `noise_sentence` as a remark on the campaign's file; empty where there is none."""
     sentence = noise_sentence(campaign)
-    return [] if sentence is None else [Remark(Severity.WARNING, campaign.folder / CAMPAIGN_FILE, 0, sentence)]
+    return [] if sentence is None else [campaign.remark(Severity.WARNING, sentence)]
 
 
 def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
@@ -298,3 +279,37 @@ def noise_as_json(campaign: Campaign) -> dict[str, dict[str, Any]]:
         }
         for name, channel in campaign.channels.items()
     }  # fmt: skip
+
+
+def recorder_resolution(rows: Iterable[np.ndarray]) -> float:
+    """The step between neighbouring values of a recorder.
+
+    Args:
+        rows: the values of a signal (samples,) in each run (SI).
+
+    Returns:
+        The largest step of any run (SI); 0 if the values are continuous, or the step is too fine to be seen.
+    """
+    return max((_step(values[np.isfinite(values)]) for values in rows), default=0.0)
+
+
+def _step(values: np.ndarray) -> float:
+    levels = np.unique(values)
+    if len(levels) < MIN_VALUES:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.median(np.sort(gaps)[: max(1, int(SMALLEST_GAPS * len(gaps)))]))
+    # from gap to gap first: over the whole range the error of one gap would add up
+    steps, used = np.concatenate([[0.0], np.cumsum(np.round(gaps / step))]), np.ones(len(levels), bool)
+    for _ in range(2):
+        if np.ptp(steps[used]) == 0.0:
+            return 0.0
+        step, first = (float(c) for c in np.polyfit(steps[used], levels[used], 1))
+        if not step > 0.0:
+            return 0.0
+        steps = np.round((levels - first) / step)
+        misses = np.abs((levels - first) / step - steps)
+        used = misses < MAX_MISS
+        if used.mean() < MIN_SHARE_ON_STEPS:
+            return 0.0
+    return step

@@ -209,7 +209,5 @@ def without_signal(values: np.ndarray) -> np.ndarray:
 
 def _sum_about_middle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """The sum of two symmetric arrays of odd length, the middles on each other."""
-    longer, shorter = (one, other) if len(one) >= len(other) else (other, one)
-    found, margin = longer.copy(), (len(longer) - len(shorter)) // 2
-    found[margin : margin + len(shorter)] += shorter
-    return found
+    length = max(len(one), len(other))
+    return sum(np.pad(part, (length - len(part)) // 2) for part in (one, other))

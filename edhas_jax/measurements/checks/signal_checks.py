@@ -1,17 +1,15 @@
-"""Check single measured signals: stuck or clipped sensors, slow sampling, noise of one run above that of the others."""
+"""Check single measured signals: slow sampling, noise of one run above that of the others."""
 
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from edhas_jax.core.units import to_si
-from edhas_jax.machine.components.controllers import Supply
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.core.units import difference_to_si
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
 from edhas_jax.measurements.checks.noise_records import fast_noise
 from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
 
-MIN_STUCK_SAMPLES = 10  # equal samples in a row from which a sensor counts as stuck
-MIN_CLIPPING_RATIO = 5  # occurrences of the extreme value of a clipped signal over those of any other value
+MIN_COMPARED = 20  # samples between others
 MIN_EXCESS_OVER_NOISE = 1.5  # rms deviation from the interpolation beyond the noise, over the noise: slow sampling
 MIN_EXCESS_OVER_SIGNAL = 0.05  # and over the standard deviation of the signal
 MAX_NOISE_RATIO = 2.0  # estimated noise of a run over the noise that is used
@@ -33,7 +31,7 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str, ratios: Mapping[
     """
     values, channel, unit = run.signals[name], campaign.channels[name], campaign.machine.signals[name].unit
     error = _interpolation_error(run, values)
-    if jitter(run) > MAX_JITTER or np.isfinite(error).sum() < 2 * MIN_STUCK_SAMPLES:
+    if jitter(run) > MAX_JITTER or np.isfinite(error).sum() < MIN_COMPARED:
         return
     strength = float(np.nanstd(values))
     ratio = ratios[run.name]
@@ -50,18 +48,12 @@ def check_quality(campaign: Campaign, run: BenchRun, name: str, ratios: Mapping[
     if excess > excess_limit and not (is_noisier and same_in_others):
         shares = f"{excess / strength:.0%} of the signal, {excess / channel.noise:.1f} times the noise"
         sentence = "sampled too slowly for its content, or noisier than in other runs: samples deviate from the"
-        yield _warning(run, name, 0, f"{sentence} interpolation between their neighbours by {shares}")
+        yield run.warning(f"{name}: {sentence} interpolation between their neighbours by {shares}", 0)
     elif is_noisier:
-        unit_size = to_si(f"1 {channel.unit}", unit) - to_si(f"0 {channel.unit}", unit)
-        found, stated = (
-            f"{noise / unit_size:.3g} {channel.unit}" for noise in (ratio * channel.noise, channel.noise)
-        )  # fmt: skip
+        size = difference_to_si(f"1 {channel.unit}", unit)
+        found, stated = (f"{noise / size:.3g} {channel.unit}" for noise in (ratio * channel.noise, channel.noise))
         sentence = f"its noise is {found}, {ratio:.1f} times the {stated} of this signal"
-        yield _warning(run, name, 0, sentence)
-
-
-def _warning(run: BenchRun, name: str, sample: int, sentence: str) -> Remark:
-    return Remark(Severity.WARNING, run.file, int(run.lines[sample]), f"{name}: {sentence}")
+        yield run.warning(f"{name}: {sentence}", 0)
 
 
 def noise_ratios(campaign: Campaign, name: str) -> dict[str, float]:
@@ -84,51 +76,3 @@ def _interpolation_error(run: BenchRun, values: np.ndarray) -> np.ndarray:
     error = v[3:-3] - (9.0 * (v[2:-4] + v[4:-2]) - v[:-6] - v[6:]) / 16.0
     without_gap = np.diff(run.time) <= GAP_IN_INTERVALS * run.interval
     return np.where(np.convolve(without_gap, np.ones(6), "valid") > 5.5, error, np.nan)
-
-
-def true_intervals(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First and last index of every interval of consecutive true entries of a mask (samples,)."""
-    edges = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
-    return list(zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1, strict=True))
-
-
-def _constant_intervals(values: np.ndarray) -> list[tuple[int, int]]:
-    """First and last index of every interval of equal samples."""
-    return [(first, last + 1) for first, last in true_intervals(np.diff(values) == 0.0)]
-
-
-def stuck_intervals(values: np.ndarray) -> list[tuple[int, int]]:
-    """Intervals of equal samples that are too long for a sensor whose last digit moves with its noise."""
-    steps = np.abs(np.diff(values))
-    steps = steps[np.isfinite(steps)]
-    long = [(first, last) for first, last in _constant_intervals(values) if last - first + 1 >= MIN_STUCK_SAMPLES]
-    inside = sum(last - first for first, last in long)
-    # where many other steps are zero too, the last digit is coarser than the noise: constant intervals are normal
-    if np.sum(steps == 0.0) - inside > 0.2 * max(len(steps) - inside, 1):
-        return []
-    return long
-
-
-def is_clipped_at(values: np.ndarray, extreme: float) -> bool:
-    """Whether a signal returns to exactly its extreme value far more often than to any other value."""
-    if len(true_intervals(values == extreme)) < 2:
-        return False
-    moving = np.isfinite(values)
-    for first, last in _constant_intervals(values):
-        moving[first : last + 1] &= values[first] == extreme or last - first + 1 < MIN_STUCK_SAMPLES
-    found, counts = np.unique(values[moving], return_counts=True)
-    others = counts[found != extreme]
-    occurs = (found == extreme).any()
-    return bool(occurs) and counts[found == extreme][0] >= MIN_CLIPPING_RATIO * max(others.max(initial=1), 1)
-
-
-def is_sensor_limit(campaign: Campaign, name: str, value: float) -> bool:
-    """Whether a value is an end of the range that the campaign states for the sensor."""
-    limits = [limit for limit in campaign.channels[name].limits if np.isfinite(limit)]
-    return any(abs(value - limit) <= 1e-6 * abs(limit) + 1e-12 for limit in limits)
-
-
-def is_supply_limit(campaign: Campaign, run: BenchRun, value: float) -> bool:
-    """Whether a command stands at the supply voltage, where the controller itself limits it."""
-    supply = getattr(campaign.machine_of(run), "supply", None)
-    return isinstance(supply, Supply) and abs(abs(value) / float(supply.supply_voltage) - 1.0) < 0.01

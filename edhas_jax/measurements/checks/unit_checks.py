@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from edhas_jax.core.units import format_quantity, to_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.core.units import difference_to_si, format_quantity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity, SignalsByRun
 from edhas_jax.measurements.unknown_parameters import ParameterScale, uncertain_unknowns
 
 MIN_FACTOR = 5.0  # factor between signal and model below which a wrong model may be the cause
@@ -26,11 +26,10 @@ COMMON_UNITS = {
     "m^3/s": ("mL/min", "mL/s", "L/h", "L/min", "L/s", "m^3/h", "m^3/s"), "V": ("mV", "V"), "m/s": ("mm/s", "m/s"),
     "N": ("N", "kN"),
 }  # fmt: skip
+LARGEST_SHARE_BEYOND = 0.5  # of samples outside the limits: noise puts half of those at a limit there
 
 
-def check_units(
-    campaign: Campaign, run: BenchRun, name: str, models: Mapping[str, Mapping[str, np.ndarray]], noise_ratio: float
-) -> Iterator[Remark]:
+def check_units(campaign: Campaign, run: BenchRun, name: str, models: SignalsByRun, noise_ratio: float) -> list[Remark]:
     """Check the unit of one signal of one run against the model.
 
     Args:
@@ -40,43 +39,36 @@ def check_units(
         models: signals of the model (samples,) at the time stamps, by run and signal, SI.
         noise_ratio: fast part of the noise of this run over the noise of the signal; see `noise_ratios`.
 
-    Yields:
+    Returns:
         A warning if the signal seems to be in another unit than stated, or to be a gauge pressure.
     """
-    factor = _factor(run, name, models)
-    if factor is None:
-        return
-    stated, unit = campaign.channels[name].unit, campaign.machine.signals[name].unit
+    factor, stated, unit = _factor(run, name, models), campaign.channels[name].unit, campaign.machine.signals[name].unit
+    if factor is None or not _has_shape(run.signals[name], models[run.name][name]):
+        return []
 
-    def warn(sentence: str) -> Remark:
-        return Remark(Severity.WARNING, run.file, 1, f"{name}: {sentence}")
+    def warning(sentence: str) -> list[Remark]:
+        return [Remark(Severity.WARNING, run.file, 1, f"{name}: {sentence}")]
 
-    if not _has_shape(run.signals[name], models[run.name][name]):
-        return
     if max(factor, 1.0 / factor) < MIN_FACTOR:
-        if unit == "Pa" and _is_gauge(run.signals[name], models[run.name][name]):
-            offset = format_quantity(ATMOSPHERE, "Pa")
-            yield warn(
-                f"reads {offset} below the model from the start; is it a gauge pressure? Pressures must be absolute"
-            )
-        return
-    if abs(math.log(factor)) < MAX_PRIOR_DISTANCE * _spread(campaign):
-        return
-    size = unit_size(stated, unit)
-    ratios = {other: size / unit_size(other, unit) for other in COMMON_UNITS.get(unit, ())}
+        if unit != "Pa" or not _is_gauge(run.signals[name], models[run.name][name]):
+            return []
+        question = "is it a gauge pressure? Pressures must be absolute"
+        return warning(f"reads {format_quantity(ATMOSPHERE, 'Pa')} below the model from the start; {question}")
+    size = difference_to_si(f"1 {stated}", unit)
+    ratios = {other: size / difference_to_si(f"1 {other}", unit) for other in COMMON_UNITS.get(unit, ())}
     candidates = [o for o, ratio in ratios.items() if _ratio_of(factor, ratio) < UNIT_TOLERANCE and o != stated]
     actual = min(candidates, key=lambda other: _ratio_of(factor, ratios[other]), default=None)
     ratio = 10.0 ** round(np.log10(factor)) if actual is None else ratios[actual]
-    if _ratio_of(factor, ratio) > UNIT_TOLERANCE:
-        return
-    factors = [_factor(other, name, models) for other in campaign.runs]
-    factors = [f for f in factors if f is not None]
+    is_explained = abs(math.log(factor)) < MAX_PRIOR_DISTANCE * _spread(campaign)
+    if is_explained or _ratio_of(factor, ratio) > UNIT_TOLERANCE:
+        return []
+    factors = [f for other in campaign.runs if (f := _factor(other, name, models)) is not None]
     in_all = len(factors) > 1 and max(factors) / min(factors) < RUN_TOLERANCE
-    noise_agrees = _ratio_of(noise_ratio, ratio) < NOISE_TOLERANCE
-    if in_all or noise_agrees or len(factors) == 1:
-        where = "in every run" if in_all else "in this run"
-        question = "is the unit right?" if actual is None else f"are these numbers in {actual}, read as {stated}?"
-        yield warn(f"is {factor:.3g} times the value of the model {where}; {question}")
+    if not in_all and len(factors) > 1 and _ratio_of(noise_ratio, ratio) >= NOISE_TOLERANCE:
+        return []
+    where = "in every run" if in_all else "in this run"
+    question = "is the unit right?" if actual is None else f"are these numbers in {actual}, read as {stated}?"
+    return warning(f"is {factor:.3g} times the value of the model {where}; {question}")
 
 
 def _factor(run: BenchRun, name: str, models: Mapping) -> float | None:
@@ -107,11 +99,24 @@ def _spread(campaign: Campaign) -> float:
     return math.hypot(*spreads)
 
 
-def unit_size(unit: str, si: str) -> float:
-    """The size of a unit, without its zero, in an SI unit of the same dimension."""
-    return to_si(f"1 {unit}", si) - to_si(f"0 {unit}", si)
-
-
 def _ratio_of(a: float, b: float) -> float:
     """The larger of two positive numbers over the smaller."""
     return max(a / b, b / a) if a > 0.0 else np.inf
+
+
+def limits_remarks(campaign: Campaign) -> Iterator[Remark]:
+    """A warning for each sensor whose stated limits exclude most of what it has measured."""
+    for name, channel in campaign.channels.items():
+        values = np.concatenate([run.signals[name] for run in campaign.runs if name in run.signals] or [[]])
+        values, (low, high) = values[np.isfinite(values)], channel.limits
+        share = np.mean((values < low) | (values > high)) if len(values) else 0.0
+        if not share > LARGEST_SHARE_BEYOND:
+            continue
+        about = campaign.machine.signals[name]
+        sizes = {unit: difference_to_si(f"1 {unit}", about.unit) for unit in COMMON_UNITS.get(about.unit, ())}
+        fitting = [u for u, size in sizes.items() if low * size <= values.min() and values.max() <= high * size]
+        unit = min(fitting, key=sizes.__getitem__, default=None)
+        asked = f"are they in {unit}?" if unit else "are they those of this sensor?"
+        ends = " … ".join(format_quantity(end, about.unit) for end in (low, high))
+        sentence = f"{name}: {100 * share:.0f} % of the samples lie outside the stated limits {ends}; {asked}"
+        yield campaign.remark(Severity.WARNING, sentence)

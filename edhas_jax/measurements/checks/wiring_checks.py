@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from edhas_jax.core.units import from_si, to_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity
+from edhas_jax.core.units import from_si, values_to_si
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, SignalsByRun
 from edhas_jax.measurements.checks.noise_records import fast_noise
 
 MAX_REVERSED_CORRELATION = -0.8
@@ -24,11 +24,10 @@ MAX_SATURATED_SLOPE = 0.88  # of the last two intervals over the median
 MIN_INVERSE_SLOPE = 1.08  # of the modelled over the measured value, there
 MAX_UNEXPLAINED_SHARE = 0.3  # of the signal's standard deviation, by which it deviates from a straight line
 MIN_SATURATED_SAMPLES = 30
+USED = "It is used as recorded"
 
-Models = Mapping[str, Mapping[str, np.ndarray]]
 
-
-def check_wiring(campaign: Campaign, run: BenchRun, models: Models) -> Iterator[Remark]:
+def check_wiring(campaign: Campaign, run: BenchRun, models: SignalsByRun) -> Iterator[Remark]:
     """Find the signals of a run that are hardly what they are said to be.
 
     Args:
@@ -43,26 +42,24 @@ def check_wiring(campaign: Campaign, run: BenchRun, models: Models) -> Iterator[
     if model is None:
         return
 
-    def warn(problem: str) -> Remark:
-        return Remark(Severity.WARNING, run.file, 0, f"{problem} It is used as recorded")
-
     names = [n for n, values in run.signals.items() if np.isfinite(values).sum() > 10 and np.std(model[n]) > 0.0]
     exchanged: set[str] = set()
     for one, other in itertools.combinations(names, 2):
         if not exchanged & {one, other} and _are_exchanged(campaign, run, model, one, other):
             exchanged |= {one, other}
-            yield warn(f"{one} and {other} seem to be exchanged: each follows the other's model.")
+            yield run.warning(f"{one} and {other} seem to be exchanged: each follows the other's model. {USED}")
     for name in names:
         if name in exchanged:
             continue
         measured, modelled = _finite(run.signals[name], model[name])
         if _is_only_noise(run, name, measured, modelled):
-            yield warn(f"{name} is only noise, without the motion that the model predicts; is it connected?")
+            sentence = "is only noise, without the motion that the model predicts; is it connected?"
+            yield run.warning(f"{name} {sentence} {USED}")
         elif _correlation(measured, modelled) < MAX_REVERSED_CORRELATION:
-            yield warn(f"{name} has the opposite sign of the model; is its sensor reversed?")
+            yield run.warning(f"{name} has the opposite sign of the model; is its sensor reversed? {USED}")
 
 
-def check_saturation(campaign: Campaign, name: str, models: Models) -> Iterator[Remark]:
+def check_saturation(campaign: Campaign, name: str, models: SignalsByRun) -> Iterator[Remark]:
     """Check whether a signal follows the model less and less towards an end of its range, in all runs together.
 
     Args:
@@ -87,11 +84,8 @@ def check_saturation(campaign: Campaign, name: str, models: Models) -> Iterator[
     for end, share, inverse_share in zip(("low", "high"), forward, inverse, strict=True):
         # scatter flattens the ends of either regression; a saturated sensor steepens the inverse one
         if share < MAX_SATURATED_SLOPE and inverse_share > MIN_INVERSE_SLOPE:
-            sentence = (
-                f"{name} follows the model with {max(share, 0.0):.0%} of its usual slope at its {end} end, in all runs "
-                "together; does the sensor saturate there?"
-            )
-            yield Remark(Severity.WARNING, runs[0].file, 0, sentence)
+            slope = f"{name} follows the model with {max(share, 0.0):.0%} of its usual slope at its {end} end"
+            yield runs[0].warning(f"{slope}, in all runs together; does the sensor saturate there?")
 
 
 def _end_slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -145,6 +139,4 @@ def _read_as(campaign: Campaign, run: BenchRun, source: str, name: str) -> np.nd
     if unit == other_unit:
         return run.signals[source]
     numbers = from_si(run.signals[source], other_unit, campaign.channels[source].unit)
-    shown = campaign.channels[name].unit
-    zero = to_si(f"0 {shown}", unit)
-    return zero + (to_si(f"1 {shown}", unit) - zero) * numbers
+    return values_to_si(numbers, campaign.channels[name].unit, unit)

@@ -1,33 +1,29 @@
-"""Read the tables in a Parquet, MATLAB or Excel file."""
+"""Read the tables in a binary file: Parquet, MATLAB, HDF5, TDMS of LabVIEW, MDF of measurement systems, Excel."""
 
+import contextlib
 import datetime
+import importlib
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from edhas_jax.measurements.tables.binary_reading import damaged_unless, reader_library
-from edhas_jax.measurements.tables.cell_values import Cell, decimal_mark, read_column
-from edhas_jax.measurements.tables.channel_files import read_hdf5_tables
-from edhas_jax.measurements.tables.row_table import Row, find_header
+from edhas_jax.measurements.tables.cell_values import Cell, Row, decimal_mark, find_header, read_column
 from edhas_jax.measurements.tables.table import (
     MAX_BYTES,
+    TIME,
     Column,
     Layout,
     Report,
     Table,
     TableError,
-    Vector,
-    flat_vectors,
-    matlab_object,
     names_and_units,
     require_size,
-    seconds_since_first,
-    tables_of_vectors,
 )
 
 SAMPLED_ROWS = 400  # in which the number of columns and the decimal mark are found
@@ -36,6 +32,120 @@ COMPRESSED = 15  # type of an element of a MATLAB file
 NUMERIC_CLASSES = (
     "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical", "char",
 )  # fmt: skip
+UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units")  # of a dataset of HDF5
+MAX_UNIT = 100  # characters of a unit
+TDMS_UNITS = ("unit_string", "NI_UnitDescription", "unit")  # properties of a channel of TDMS
+
+
+class _Vector(NamedTuple):
+    """A channel of a file: its group ("" without one), its name, which may have the unit in brackets, unit, values."""
+
+    group: str
+    name: str
+    unit: str
+    values: np.ndarray
+
+
+def _library(module: str, what: str, extra: str, otherwise: str) -> ModuleType:
+    """The library that reads a format.
+
+    Args:
+        module: its name.
+        what: the kind of file, such as "an MDF file".
+        extra: the extra of this package that installs it.
+        otherwise: what else one can do.
+
+    Raises:
+        TableError: it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        remedy = f"{otherwise}, or install what reads it: pip install 'edhas_jax[{extra}]'"
+        raise TableError(0, f"is {what}; {remedy}") from None
+
+
+@contextlib.contextmanager
+def _damaged_unless(what: str) -> Iterator[None]:
+    """Within the context a file of this kind is read; a damaged one raises whatever its bytes lead to.
+
+    Raises:
+        TableError: the block raised an error that is neither one nor a FileNotFoundError.
+    """
+    try:
+        yield
+    except (FileNotFoundError, TableError):
+        raise
+    except Exception:
+        raise TableError(0, f"is damaged or not {what}") from None
+
+
+def _vectors_of(name: str, array: np.ndarray, report: Report) -> list[tuple[str, np.ndarray]]:
+    """The columns of an array of numbers, by name: `name`, or `name.1`, `name.2`, … of a matrix.
+
+    Args:
+        name: the name of the array.
+        array: its values; the samples are along the longest dimension.
+        report: called where it holds no numbers, or has more than two dimensions.
+    """
+    if array.dtype.names:
+        return [entry for key in array.dtype.names for entry in _vectors_of(f"{name}.{key}", array[key], report)]
+    if array.dtype.kind not in "fiuM":
+        return []
+    array = array.squeeze()
+    if array.ndim < 2:
+        values = np.atleast_1d(array)
+        return [(name, _seconds_since_first(values) if array.dtype.kind == "M" else values.astype(float))]
+    if array.ndim > 2:
+        report(0, f"`{name}` has {array.ndim} dimensions; it is left out")
+        return []
+    columns = array if array.shape[0] < array.shape[1] else array.T
+    return [(f"{name}.{k}", column.astype(float)) for k, column in enumerate(columns, 1)]
+
+
+def _seconds_since_first(stamps: np.ndarray) -> np.ndarray:
+    """Seconds since the first of dates with their times (samples,); NaN where there is none."""
+    valid = stamps[~np.isnat(stamps)]
+    return (stamps - valid[0]) / np.timedelta64(1, "s") if len(valid) else np.full(len(stamps), np.nan)
+
+
+def _matlab_object(name: str) -> str:
+    """What to say of an object of MATLAB."""
+    remedy = f"save its numbers, such as `t = {name}.Time; x = {name}.Data; save('run.mat', 't', 'x')`"
+    return f"`{name}` is an object of MATLAB (timeseries, table), which only MATLAB reads; {remedy}"
+
+
+def _tables_of(vectors: Sequence[_Vector]) -> list[Table]:
+    """The tables of the channels of a file: one for each group and number of samples.
+
+    Raises:
+        TableError: two channels of a group have the same name.
+    """
+    tables: dict[tuple[str, int], Table] = {}
+    for group in dict.fromkeys(vector.group for vector in vectors):
+        own = [vector for vector in vectors if vector.group == group]
+        named = names_and_units([vector.name for vector in own], [vector.unit for vector in own])
+        for vector, (name, unit) in zip(own, named, strict=True):
+            count = len(vector.values)
+            table = tables.setdefault((group, count), Table({}, np.arange(1, count + 1), name=group))
+            table.columns[name] = Column(unit, vector.values)
+    return list(tables.values())
+
+
+def _text(value: Any) -> str:
+    """A text as such, as bytes in UTF-8 or the Western European code of Windows, or as character codes of MATLAB."""
+    if value is None:
+        return ""
+    if isinstance(value, np.ndarray) and value.dtype.kind in "ui":
+        return "".join(map(chr, np.ravel(value)))
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.ravel()[0]
+    if not isinstance(value, bytes):
+        return str(value)
+    try:
+        return value.decode()
+    except UnicodeDecodeError:
+        return value.decode("cp1252", errors="replace")
 
 
 def read_parquet_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
@@ -47,36 +157,23 @@ def read_parquet_tables(path: Path, layout: Layout, report: Report) -> list[Tabl
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with damaged_unless("a Parquet file"), pq.ParquetFile(path, page_checksum_verification=True) as file:
-        schema = file.schema_arrow
-        is_time = [pa.types.is_timestamp(field.type) for field in schema]
-        used = [
-            pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or stamp
-            for field, stamp in zip(schema, is_time, strict=True)
-        ]
-        for field, is_used in zip(schema, used, strict=True):
-            if not is_used:
+    with _damaged_unless("a Parquet file"), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        fields = []  # that hold numbers or dates with times, with their units
+        for field in file.schema_arrow:
+            if pa.types.is_timestamp(field.type):
+                fields.append((field.name, "s"))
+            elif pa.types.is_floating(field.type) or pa.types.is_integer(field.type):
+                fields.append((field.name, _text((field.metadata or {}).get(b"unit", b""))))
+            else:
                 report(0, f"column `{field.name}` does not hold numbers; it is left out")
-        require_size(file.metadata.num_rows * sum(used))
-        units = [
-            "s" if stamp else _text((field.metadata or {}).get(b"unit", b""))
-            for field, stamp in zip(schema, is_time, strict=True)
-        ]
-        named = names_and_units(schema.names, units)
+        require_size(file.metadata.num_rows * len(fields))
         columns = {}
-        for name, (own, unit), is_used, stamp in zip(schema.names, named, used, is_time, strict=True):
-            if is_used:
-                values = file.read(columns=[name]).column(0).to_numpy()
-                columns[own] = Column(unit, seconds_since_first(values) if stamp else values.astype(float))
+        names, units = zip(*fields, strict=True) if fields else ((), ())
+        for name, (own, unit) in zip(names, names_and_units(names, units), strict=True):
+            values = file.read(columns=[name]).column(0).to_numpy()
+            is_stamp = values.dtype.kind == "M"
+            columns[own] = Column(unit, _seconds_since_first(values) if is_stamp else values.astype(float))
         return [Table(columns, np.arange(1, file.metadata.num_rows + 1))]
-
-
-def _text(data: bytes) -> str:
-    """A text in UTF-8, otherwise in the Western European code of Windows."""
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
 
 
 def read_mat_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
@@ -87,7 +184,7 @@ def read_mat_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     """
     from scipy.io import loadmat, whosmat
 
-    with damaged_unless("a MATLAB file"):
+    with _damaged_unless("a MATLAB file"):
         try:
             variables = whosmat(path)
         except NotImplementedError:  # version 7.3
@@ -98,17 +195,17 @@ def read_mat_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
         data = loadmat(path, simplify_cells=True)
     for name, _, kind in variables:
         if kind in ("opaque", "object", "function"):
-            report(0, matlab_object(name))
+            report(0, _matlab_object(name))
     units = dict(_flat("", data.pop("units", {})))
     vectors = [
-        Vector("", name, str(units.get(name, "")), column)
+        _Vector("", name, str(units.get(name, "")), column)
         for root, value in data.items()
         if not root.startswith("__")
         for item, array in _flat(root, value)
         if isinstance(array, np.ndarray)
-        for name, column in flat_vectors(item, array, report)
+        for name, column in _vectors_of(item, array, report)
     ]
-    return tables_of_vectors(vectors)
+    return _tables_of(vectors)
 
 
 def _unpacked_size(path: Path) -> int:
@@ -144,14 +241,131 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
+def read_hdf5_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
+    """Read vectors and matrices from an HDF5 or MATLAB 7.3 file; as units attributes, or a struct `units` of texts.
+
+    Raises:
+        TableError: h5py is not installed, the file is damaged, unpacks to more than is read, or refers to other files.
+    """
+    otherwise = "export it with `save(name, '-v7')` from MATLAB, or as CSV"
+    h5py = _library("h5py", "an HDF5 or MATLAB 7.3 file", "hdf5", otherwise)
+    with _damaged_unless("an HDF5 file"), h5py.File(path, "r") as file:
+        is_matlab = file.userblock_size > 0
+        items: list[tuple[tuple[str, ...], Any]] = []
+        links: list[tuple[tuple[str, ...], Any]] = []
+        _collect(h5py, file, (), {h5py.h5o.get_info(file.id).addr}, items, links)
+        # no link leads out of the file, or that would have been found
+        targets = [(place, group.get(place[-1])) for place, group in links]
+        items += [(place, target) for place, target in targets if isinstance(target, h5py.Dataset)]
+        data = [(place, item) for place, item in items if item.dtype.kind in "fiuV" and "units" not in place]
+        require_size(sum(item.size * max(1, len(item.dtype.names or ())) for _, item in data))
+        texts = {place: item for place, item in items if "units" in place and item.size <= MAX_UNIT}
+        vectors = []
+        for place, item in data:
+            name = ".".join(place) if is_matlab else place[-1]
+            kind = _text(item.attrs.get("MATLAB_class"))
+            if "MATLAB_object_decode" in item.attrs:
+                report(0, _matlab_object(name))
+            if "MATLAB_object_decode" in item.attrs or kind in ("char", "cell"):
+                continue
+            group = "" if is_matlab else "/".join(place[:-1])
+            beside = texts.get(("units", *place) if is_matlab else (*place[:-1], "units", place[-1]))
+            stated = next((item.attrs[a] for a in UNIT_ATTRIBUTES if a in item.attrs), None)
+            unit = _text(stated if beside is None else beside[()])
+            for own, values in _vectors_of(name, item[()], report):
+                vectors.append(_Vector(group, own, unit, values))
+    return _tables_of(vectors)
+
+
+def _collect(h5py: ModuleType, group: Any, place: tuple[str, ...], seen: set[int], items: list, links: list) -> None:
+    """Collect the datasets below a group with their places, and the links inside the file.
+
+    Raises:
+        TableError: something is kept in another file.
+    """
+    for name in group:
+        own, link = (*place, name), group.get(name, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise _elsewhere(own, f"is a link to {link.filename}")
+        if isinstance(link, h5py.SoftLink):
+            links.append((own, group))
+            continue
+        item = group[name]
+        if isinstance(item, h5py.Dataset):
+            if item.is_virtual:
+                raise _elsewhere(own, "is a virtual dataset")
+            if item.external:
+                raise _elsewhere(own, f"is kept in {item.external[0][0]}")
+            items.append((own, item))
+        elif isinstance(item, h5py.Group) and not name.startswith("#"):  # where MATLAB keeps what others refer to
+            address = h5py.h5o.get_info(item.id).addr
+            if address not in seen:
+                seen.add(address)
+                _collect(h5py, item, own, seen, items, links)
+
+
+def _elsewhere(place: tuple[str, ...], what: str) -> TableError:
+    return TableError(0, f"`{'/'.join(place)}` {what}; no other file is read: store the numbers in this one (h5repack)")
+
+
+def read_tdms_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
+    """Read the channels of a TDMS file; time stamps that the channels of a group imply become its column `time [s]`.
+
+    Raises:
+        TableError: nptdms is not installed, the file is damaged, or unpacks to more than is read.
+    """
+    nptdms = _library("nptdms", "a TDMS file of LabVIEW", "tdms", "export it as CSV")
+    vectors: list[_Vector] = []
+    with _damaged_unless("a TDMS file"), nptdms.TdmsFile.open(path) as file:
+        require_size(sum(len(channel) for group in file.groups() for channel in group.channels()))
+        for group in file.groups():
+            channels = [(c, c[:]) for c in group.channels() if c.data_type is not None]
+            stamped = {len(channel) for channel, _ in channels if channel.name == TIME}
+            for channel, data in channels:
+                unit = next((channel.properties[p] for p in TDMS_UNITS if channel.properties.get(p)), "")
+                for name, values in _vectors_of(channel.name, data, report):
+                    unit = "s" if data.dtype.kind == "M" else _text(unit)
+                    vectors.append(_Vector(group.name, name, unit, values))
+                step = channel.properties.get("wf_increment")
+                if len(channel) not in stamped and step and data.dtype.kind in "fiu":
+                    first = float(channel.properties.get("wf_start_offset", 0.0))
+                    vectors.append(_Vector(group.name, TIME, "s", first + float(step) * np.arange(len(channel))))
+                    stamped.add(len(channel))
+    return _tables_of(vectors)
+
+
+def read_mdf_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
+    """Read the channels of an MDF file (`.mf4`): a table for all with the same time stamps, with these as `time [s]`.
+
+    Raises:
+        TableError: asammdf is not installed, the file is damaged, or unpacks to more than is read.
+    """
+    asammdf = _library("asammdf", "an MDF file", "mdf", "export it as CSV")
+    with _damaged_unless("an MDF file"), asammdf.MDF(path) as file:
+        require_size(sum(group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
+        signals = [signal for signal in file.iter_channels() if np.asarray(signal.samples).dtype.kind in "fiu"]
+    vectors: dict[tuple[str, str], _Vector] = {}
+    clocks: dict[bytes, str] = {}
+    for signal in signals:
+        stamps = np.asarray(signal.timestamps, float)
+        clock = clocks.setdefault(stamps.tobytes(), str(len(clocks) + 1))
+        vectors.setdefault((clock, TIME), _Vector(clock, TIME, "s", stamps))
+        if (clock, signal.name) in vectors:
+            report(0, f"there is another channel `{signal.name}`; it is left out")
+        else:
+            values = np.asarray(signal.samples, float)
+            vectors[clock, signal.name] = _Vector(clock, signal.name, _text(signal.unit), values)
+    return _tables_of(list(vectors.values()))
+
+
 def read_excel_tables(path: Path, layout: Layout, report: Report) -> list[Table]:
     """Read the table on a sheet of an Excel file: the stated one, otherwise the first that holds a table.
 
     Raises:
         TableError: openpyxl is not installed, the file is damaged or too large, or there is no such sheet or no table.
     """
-    openpyxl = reader_library("openpyxl", "an Excel file", "excel", "save it as CSV")
-    with damaged_unless("an Excel file"), path.open("rb") as file:
+    openpyxl = _library("openpyxl", "an Excel file", "excel", "save it as CSV")
+    with _damaged_unless("an Excel file"), path.open("rb") as file:
         with zipfile.ZipFile(file) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
         require_size(size // 8)

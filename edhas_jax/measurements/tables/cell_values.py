@@ -1,14 +1,21 @@
-"""Cells of a text or a sheet become numbers: decimal marks, separators of thousands, dates and clock times."""
+"""The cells of a text or a sheet: where their table begins, names and units of its columns, and its numbers.
+
+Decimal marks, separators of thousands, dates and clock times are as people and programs write them.
+"""
 
 import datetime
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from edhas_jax.measurements.tables.table import Column, Report, TableError
+from edhas_jax.core.units import is_unit_of
+from edhas_jax.measurements.tables.table import Column, Report, TableError, names_and_units
 
 Cell = str | float | datetime.datetime | datetime.time | datetime.timedelta | None
+Row = tuple[int, Sequence[Cell]]  # line and cells
 MAX_QUOTED = 40  # characters of a cell in a message
 MAX_FAILING = 0.05  # share of the cells of a column; where more fail, the way in which it is read is wrong
 SPACES = " '’\u00a0\u2009\u202f"  # that separate thousands, whatever the decimal mark is
@@ -23,6 +30,9 @@ STAMP = re.compile(
     re.IGNORECASE,
 )
 DAY = 86400.0  # s
+MAX_ROWS_ABOVE = 3  # rows between the names of the columns and the first numbers
+EXPECTED = "the first line names the columns, such as `time [s],voltage [V]`, then follows a line for each sample"
+MEASURED_UNITS = ("s", "V", "A", "m", "m/s", "Pa", "m^3/s", "N", "K")
 
 
 def looks_numeric(cell: Cell) -> bool:
@@ -70,10 +80,10 @@ def read_column(
     elif 2 * sum(isinstance(t, str) and STAMP.fullmatch(t) is not None for t in texts) > sum(map(_is_filled, texts)):
         unit, values = "s", _seconds_of_texts(texts)
     else:
-        try:
-            values = _numbers(texts, decimal, is_stated)
-        except _Ambiguous as error:
-            k, one, two = error.args
+        values, others = _numbers(texts, decimal, is_stated)
+        if others is not None:
+            k = int(np.flatnonzero((values != others) & ~np.isnan(values))[0])
+            one, two = float(values[k]), float(others[k])
             sentence = (
                 f'`{name[:MAX_QUOTED]}`: "{texts[k][:MAX_QUOTED]}" is {one!r} or {two!r}; say what stands before the '
                 'decimals in this file: `decimal: "."` or `decimal: ","` in campaign.yaml'
@@ -95,35 +105,25 @@ def read_column(
     return Column(unit, values)
 
 
-class _Ambiguous(Exception):
-    """Index of a cell that may have thousands or decimals, and both numbers."""
-
-
 def _is_filled(cell: Cell) -> bool:
     return cell is not None and cell == cell and not (isinstance(cell, str) and cell.lower().strip("+-") in ("", "nan"))
 
 
-def _numbers(texts: Sequence[Cell], decimal: str, is_stated: bool) -> np.ndarray:
-    """The numbers in cells (samples,), NaN where there is none.
+def _numbers(texts: Sequence[Cell], decimal: str, is_stated: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """The numbers in cells (samples,), NaN where there is none; beside them others that are possible as well.
 
     The other mark separates thousands, or is the decimal mark of this column after all: what more cells allow.
-
-    Raises:
-        _Ambiguous: both are possible.
     """
     other = OTHER[decimal]
     values = _with_mark(texts, decimal)
     strings = [text for text in texts if isinstance(text, str)]
     if is_stated or not any(other in text or text.count(decimal) > 1 for text in strings):
-        return values
+        return values, None
     others = _with_mark(texts, other)
     count, other_count = int(np.isnan(values).sum()), int(np.isnan(others).sum())
-    if count == other_count and any(other in text for text in strings):
-        differing = np.flatnonzero((values != others) & ~np.isnan(values))
-        if len(differing):
-            k = int(differing[0])
-            raise _Ambiguous(k, float(values[k]), float(others[k]))
-    return others if other_count < count else values
+    if count == other_count and any(other in text for text in strings) and (values != others)[~np.isnan(values)].any():
+        return values, others
+    return others if other_count < count else values, None
 
 
 def _with_mark(texts: Sequence[Cell], decimal: str) -> np.ndarray:
@@ -212,3 +212,121 @@ def _since_first(seconds: np.ndarray, is_time_of_day: bool) -> np.ndarray:
         midnights = np.cumsum(np.diff(values[valid], prepend=0.0) < -0.5 * DAY)
         values[valid] += DAY * midnights
     return values
+
+
+class Header(NamedTuple):
+    """What stands above the numbers of a table.
+
+    Attributes:
+        names: name and unit of each column.
+        line: the line that names them.
+        first: how many rows stand above the first row of numbers.
+    """
+
+    names: list[tuple[str, str]]
+    line: int
+    first: int
+
+
+def find_header(rows: Iterable[Row], sample: Sequence[Sequence[Cell]], delimiter: str) -> Header:
+    """Find the first row of numbers and the names of the columns.
+
+    The names are in the last row above the numbers, or in the row before that one where it holds nothing but units. The
+    row above the names completes them: it has the names that are missing, and the groups of those that occur twice
+    (`group/name`). Rows above are notes of the logger.
+
+    Args:
+        rows: every row that is not empty, from the top; read no further than needed.
+        sample: cells of rows from all over the file.
+        delimiter: what separates the cells in the file.
+
+    Raises:
+        TableError: there are no numbers, no names, or more values than names.
+    """
+    widths = Counter(len(cells) for cells in sample if _is_numeric(cells))
+    if not widths:
+        raise TableError(0, f"holds no table of numbers; {EXPECTED}")
+    width = widths.most_common(1)[0][0]
+    above: list[Row] = []
+    start: Row | None = None
+    for row in rows:
+        if start is not None:
+            if any(map(looks_numeric, row[1])):
+                break
+            above.append(start)  # numbers above words are a note, such as a date with its time
+        start = row if len(row[1]) == width and _is_numeric(row[1]) else None
+        if start is None:
+            above.append(row)
+    if start is None:
+        raise TableError(0, f"holds no table of numbers; {EXPECTED}")
+    first = len(above)
+    for k in range(first - 1, max(first - 1 - MAX_ROWS_ABOVE, -1), -1):
+        cells = _padded(above[k][1], width)
+        if k > 0 and _are_units(cells, width) and (names := _names(above, k - 1, width)):
+            units = [cell.strip("[]() ") for cell in cells]
+            return Header(names_and_units(names, units, above[k - 1][0]), above[k - 1][0], first)
+        if names := _names(above, k, width):
+            return Header(names_and_units(names, [""] * width, above[k][0]), above[k][0], first)
+    raise _header_error(above, start[0], sample, width, delimiter)
+
+
+def _names(rows: Sequence[Row], k: int, width: int) -> list[str]:
+    """The names of the columns in row k, completed by the row above it; empty where these are no names."""
+    names = _padded(rows[k][1], width)
+    if len(names) != width or _is_numeric(rows[k][1]):
+        return []
+    counts = Counter(name for name in names if name)
+    if k > 0 and (len(counts) < width or max(counts.values()) > 1):
+        above = _padded(rows[k - 1][1], width)
+        if len(above) == width and not _is_numeric(rows[k - 1][1]):
+            group = ""
+            for at, (name, cell) in enumerate(zip(names, above, strict=True)):
+                group = cell or group
+                names[at] = f"{group}/{name}" if counts[name] > 1 and group else name or cell
+    # where every line ends with a delimiter, one column is nameless
+    return names if sum(map(bool, names)) >= max(1, width - 1) else []
+
+
+def _padded(cells: Sequence[Cell], width: int) -> list[str]:
+    """The cells of a header as text, with or without an empty one at the end where that makes `width` of them."""
+    texts = ["" if cell is None else str(cell).strip() for cell in cells]
+    if len(texts) == width + 1 and not texts[-1]:
+        return texts[:-1]
+    return [*texts, ""] if len(texts) == width - 1 > 0 else texts
+
+
+def _are_units(cells: Sequence[str], width: int) -> bool:
+    """Whether most cells of a row hold units, bare or in brackets."""
+    texts = [text for cell in cells if (text := cell.strip("[]() "))]
+    return len(cells) == width and 2 * sum(map(_is_unit, texts)) > len(texts)
+
+
+def _is_unit(text: str) -> bool:
+    return text in ("-", "%") or any(is_unit_of(text, unit) for unit in MEASURED_UNITS)
+
+
+def _is_numeric(cells: Sequence[Cell]) -> bool:
+    """Whether most cells of a row that are not empty hold numbers, dates or clock times."""
+    filled = [cell for cell in cells if cell is not None and str(cell).strip()]
+    numbers = sum(map(looks_numeric, filled))
+    return numbers > 0 and 2 * numbers > len(filled)
+
+
+def _header_error(
+    rows: Sequence[Row], line: int, sample: Sequence[Sequence[Cell]], width: int, delimiter: str
+) -> TableError:
+    """The error for a table whose first row of numbers has no names of as many columns above it."""
+    above = [(number, cells) for number, cells in rows if len(cells) > 1 and not _is_numeric(cells)]
+    if not above:
+        return TableError(line, f"the columns have no names above their numbers; {EXPECTED}")
+    header_line, names = above[-1]
+    count = len(names)
+    has_points = any("." in str(cell) for cells in sample if _is_numeric(cells) for cell in cells)
+    if delimiter == "," and count < width <= 2 * count and not has_points:
+        sentence = (
+            f"numbers have decimal commas, and commas separate the columns too ({count} names, up to {width} values in "
+            "a line); export with decimal points, or with semicolons between the columns"
+        )
+        return TableError(header_line, sentence)
+    remedy = "name every column" if count < width else "write one value for each name"
+    return TableError(line, f"{width} values where line {header_line} names {count} columns; {remedy}")

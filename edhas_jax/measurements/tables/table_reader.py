@@ -4,35 +4,33 @@ Nothing is repaired: unreadable lines are left out, unreadable numbers are NaN, 
 cannot be read says why (`Column.fault`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from edhas_jax.core.regular_file import FileKindError, require_regular_file
 from edhas_jax.measurements.campaign import Remark, Severity
-from edhas_jax.measurements.tables.binary_tables import read_excel_tables, read_mat_tables, read_parquet_tables
-from edhas_jax.measurements.tables.channel_files import read_hdf5_tables, read_mdf_tables, read_tdms_tables
-from edhas_jax.measurements.tables.table import MAX_BYTES, Layout, Report, Table, TableError, joined
+from edhas_jax.measurements.tables import binary_tables as binary
+from edhas_jax.measurements.tables.table import MAX_BYTES, TIME, Column, Layout, Report, Table, TableError
 from edhas_jax.measurements.tables.text_table import read_text_tables
 
 MIN_SAMPLES = 2  # of a table; a single value is a setting of the logger
-# first bytes of a file, and its reader, or what to do with it
-FORMATS: tuple[tuple[bytes, Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
-    (b"PAR1", read_parquet_tables),
-    (b"MATLAB", read_mat_tables),
-    (b"PK\x03\x04", read_excel_tables),
-    (b"\xd0\xcf\x11\xe0", "is a file of Excel 97; save it as CSV or .xlsx"),
-    (b"\x1f\x8b", "is compressed with gzip; unpack it"),
-    (b"TDSm", read_tdms_tables),
-    (b"\x89HDF", read_hdf5_tables),
-    (b"MDF ", read_mdf_tables),
-    (b"UnFinMF ", "is an MDF file that was not finished; finish it with the program that wrote it"),
-    (b"%PDF", "is a PDF file; export the table as CSV"),
+MAX_NAMES = 8  # columns that a message names
+# first bytes of a file, suffixes of an empty or damaged one that is meant to have this format, and its reader, or what
+# to do with it
+FORMATS: tuple[tuple[bytes, tuple[str, ...], Callable[[Path, Layout, Report], list[Table]] | str], ...] = (
+    (b"PAR1", (".parquet",), binary.read_parquet_tables),
+    (b"MATLAB", (".mat",), binary.read_mat_tables),
+    (b"PK\x03\x04", (".xlsx",), binary.read_excel_tables),
+    (b"\xd0\xcf\x11\xe0", (), "is a file of Excel 97; save it as CSV or .xlsx"),
+    (b"\x1f\x8b", (), "is compressed with gzip; unpack it"),
+    (b"TDSm", (".tdms",), binary.read_tdms_tables),
+    (b"\x89HDF", (".h5", ".hdf5"), binary.read_hdf5_tables),
+    (b"MDF ", (".mf4", ".mdf"), binary.read_mdf_tables),
+    (b"UnFinMF ", (), "is an MDF file that was not finished; finish it with the program that wrote it"),
+    (b"%PDF", (), "is a PDF file; export the table as CSV"),
 )
-# formats that an empty or damaged file is meant to have
-SUFFIXES = {
-    ".parquet": read_parquet_tables, ".mat": read_mat_tables, ".xlsx": read_excel_tables, ".tdms": read_tdms_tables,
-    ".h5": read_hdf5_tables, ".hdf5": read_hdf5_tables, ".mf4": read_mdf_tables, ".mdf": read_mdf_tables,
-}  # fmt: skip
 
 
 def read_tables(path: Path, remark: Callable[[Remark], None], layout: Layout = Layout()) -> list[Table]:
@@ -70,7 +68,44 @@ def read_table(path: Path, remark: Callable[[Remark], None], layout: Layout = La
 
     Args, returns and raises as of `read_tables`.
     """
-    return joined(read_tables(path, remark, layout), _report(path, remark))
+    return _joined(read_tables(path, remark, layout), _report(path, remark))
+
+
+def _joined(tables: Sequence[Table], report: Report) -> Table:
+    """All tables that have as many samples as most columns, and the same time stamps, as one.
+
+    A name that several of them have is `group/name`, unless the columns are the same.
+
+    Args:
+        tables: at least one table.
+        report: called for what is left out.
+    """
+    if len(tables) == 1:
+        return tables[0]
+    counts = [len(table.lines) for table in tables for _ in table.columns]
+    count = max(counts, key=counts.count, default=0)
+    alike = [table for table in tables if len(table.lines) == count]
+    main = max(alike, key=lambda table: len(table.columns))
+    columns: dict[str, Column] = {}
+    for table in tables:
+        own = [f"`{name}`" for name in table.columns if name != TIME]
+        names, (verb, it) = ", ".join(own[:MAX_NAMES]), ("has", "it is") if len(own) == 1 else ("have", "they are")
+        if len(table.lines) != count:
+            report(0, f"{names} {verb} {len(table.lines)} samples where others have {count}; {it} left out")
+            continue
+        if not _same(main.columns.get(TIME), table.columns.get(TIME)):
+            report(0, f"{names} {verb} other time stamps than most channels; {it} left out")
+            continue
+        for name, column in table.columns.items():
+            others = [other.columns[name] for other in alike if other is not table and name in other.columns]
+            own = name if all(_same(column, other) for other in others) else f"{table.name}/{name}"
+            columns.setdefault(own, column)
+    return Table(columns, main.lines)
+
+
+def _same(one: Column | None, other: Column | None) -> bool:
+    """Whether two columns are equal, or one is absent."""
+    return one is None or other is None or np.array_equal(one.values, other.values, equal_nan=True)
 
 
 def _report(path: Path, remark: Callable[[Remark], None]) -> Report:
@@ -88,9 +123,9 @@ def _reader(path: Path) -> Callable[[Path, Layout, Report], list[Table]]:
     """
     with path.open("rb") as file:
         start = file.read(8)
-    for magic, reader in FORMATS:
-        if start.startswith(magic):
-            if isinstance(reader, str):
-                raise TableError(0, reader)
-            return reader
-    return SUFFIXES.get(path.suffix.lower(), read_text_tables)
+    by_content = (reader for magic, _, reader in FORMATS if start.startswith(magic))
+    by_name = (reader for _, suffixes, reader in FORMATS if path.suffix.lower() in suffixes)
+    reader = next(by_content, None) or next(by_name, read_text_tables)
+    if isinstance(reader, str):
+        raise TableError(0, reader)
+    return reader

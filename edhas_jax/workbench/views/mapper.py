@@ -8,7 +8,7 @@ from nicegui import ui
 
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign_draft import DRIVE_CONDITIONS, CampaignDraft, DraftRun
-from edhas_jax.measurements.column_guess import GuessedColumn, Role
+from edhas_jax.measurements.table_guess import GuessedColumn, Role
 from edhas_jax.workbench.data_calculations import signals_of
 from edhas_jax.workbench.figures import lines_figure
 from edhas_jax.workbench.views.plot import Plot

@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Callable
 
 from edhas_jax.machine.effects import Effect
-from edhas_jax.machine.parameters import set_parameters
+from edhas_jax.machine.parameters import has_parameter, set_parameters
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Channel, Use, has_parameter
+from edhas_jax.measurements.campaign import Channel, Use
 from studies.rk4_reference import LARGEST_RK4_STEP
 from studies.synthetic_campaign import PlannedRun
 

@@ -9,8 +9,9 @@ import numpy as np
 from edhas_jax.core.runtime import single_threaded_algebra
 from edhas_jax.core.structs import replace
 from edhas_jax.machine.effects import OilTemperature
+from edhas_jax.machine.parameters import has_parameter
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Use, has_parameter
+from edhas_jax.measurements.campaign import Use
 from studies.hidden_effects import answers
 from studies.hidden_effects.answers import HiddenEffect, Truth
 from studies.hidden_effects.generators.benches import Bench

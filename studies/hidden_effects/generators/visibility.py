@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz, solve_triangular
 from scipy.signal import lfilter
 
-from edhas_jax.machine.parameters import get_parameter
+from edhas_jax.machine.parameters import get_parameter, has_parameter
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Campaign, Use, has_parameter
+from edhas_jax.measurements.campaign import Campaign, Use
 from edhas_jax.measurements.measurement_model import MeasurementModel, PredictedSignals
 from edhas_jax.measurements.time_resolution import step_error
 from edhas_jax.measurements.unknown_parameters import uncertain_unknowns
