@@ -337,7 +337,7 @@ class SetSearch:
         Not where it has been fitted already and is far worse.
         """
         found = []
-        for gone in best.members if len(best.members) > 1 else ():
+        for gone in best.members:
             members = tuple(c for c in best.members if c is not gone)
             known, pair = self.sets.get(key_of(members)), (best.key, gone.name)
             is_far = known is not None and self.weight.of(known) < self.weight.of(best) - WEIGHT.freedoms

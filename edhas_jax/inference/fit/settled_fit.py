@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, with_solver_error
+from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, noise_level, with_solver_error
 from edhas_jax.inference.fit.fit_problem import FitError, TimeError
 from edhas_jax.inference.fit.time_correction import (
     MIN_GAIN,
@@ -41,6 +41,8 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
     """
     found = with_solver_error(evaluated, resolution, CORRECTION_STEPS)
     for correction in range(MAX_TIME_CORRECTIONS):
+        if not found.cost > noise_level(found.samples):
+            break
         fitted, campaign = found.fit, found.fit.problem.campaign
         errors = estimated_time_errors(found.bench, fitted.problem.bench)
         if correction == 0 and campaign.accuracy.trigger > 0.0:
