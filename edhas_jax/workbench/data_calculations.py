@@ -105,7 +105,7 @@ class DataCalculations:
     def _campaigns(self) -> tuple[Campaign, Campaign]:
         """The campaign as read, and after the check."""
         self._workspace.require_files_inside()
-        key = self._workspace.mark()
+        key = self._workspace.campaign_mark()
         if self._records is None or self._records[0] != key:
             self._say("reading and checking the data")
             raw = read_campaign(self._workspace.folder)

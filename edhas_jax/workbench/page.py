@@ -76,7 +76,7 @@ class Page:
         self._places: dict[str, Any] = {}
         self._is_ready, self._changed = False, ()
         self._errors_shown: Any = None
-        self._mark: tuple = ()
+        self._marks: tuple = ((), ())  # of the campaign and of the results that are shown
         self._begun: set[str] = set()  # views whose building has begun, and those that are built
         self._built: set[str] = set()
         self.problems: list[str] = []
@@ -124,8 +124,9 @@ class Page:
         found = await ui.run_javascript(START, timeout=PATIENCE)
         self.dark = found["dark"]
         mode.set_value(self.dark)
+        marks = self._read_marks()
         await self.read_campaign()
-        self._mark = self.workspace.mark()
+        self._marks = marks
         self._is_ready = True
         if self._tabs.value in self._views:  # one was clicked meanwhile
             await self._open(self._tabs.value)
@@ -329,10 +330,10 @@ class Page:
         if any(job.status == RUNNING for job in self.session.jobs.all()):
             for name in self._built.intersection(IN_PROGRESS):
                 await self._views[name].show_progress()
-        mark = self.workspace.mark()
-        if mark == self._mark or self.session.calculator.busy_with:
+        marks = self._read_marks()
+        if marks == self._marks or self.session.calculator.busy_with:
             return
-        if next(iter(mark), None) != next(iter(self._mark), None):
+        if marks[0] != self._marks[0]:
             await self.read_campaign()
         failed = None
         for name in tuple(self._built):
@@ -342,4 +343,7 @@ class Page:
                 failed = error
         if failed is not None:
             raise failed
-        self._mark = mark
+        self._marks = marks
+
+    def _read_marks(self) -> tuple[tuple, tuple]:
+        return self.workspace.campaign_mark(), self.workspace.results_mark()

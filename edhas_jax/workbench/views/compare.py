@@ -87,8 +87,7 @@ class CompareView:
     def _identity(self) -> tuple:
         paths = [self._page.workspace.models().get(model) for model in self._overlaid()]
         changed = [path.stat().st_mtime_ns if path is not None and path.is_file() else 0 for path in paths]
-        file = self._page.workspace.campaign_file
-        return self._overlaid(), self._replay, changed, file.stat().st_mtime_ns if file.is_file() else 0
+        return self._overlaid(), self._replay, changed, self._page.readings
 
     def _overlaid(self) -> list[str]:
         """The models that are drawn, the one that is compared last."""
