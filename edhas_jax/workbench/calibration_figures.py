@@ -7,8 +7,18 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.core.chart import Chart, Curve, Style, Tone
-from edhas_jax.core.units import display_unit, from_si
-from edhas_jax.workbench.figure_parts import CONFIG, TOP, base_layout, chart_figure, numbers, plain, x_axis, y_axis
+from edhas_jax.core.units import display_unit, from_si, unit_text
+from edhas_jax.workbench.figure_parts import (
+    CONFIG,
+    TOP,
+    base_layout,
+    chart_figure,
+    numbers,
+    plain,
+    title_of,
+    x_axis,
+    y_axis,
+)
 from edhas_jax.workbench.plot_theme import theme
 
 HEIGHT = 300.0  # px
@@ -58,7 +68,7 @@ def trajectory_figure(
     tones = (Tone.MODEL,) if len(curves) == 1 else (Tone.BESIDE, Tone.MODEL)
     rows = [Curve("measured", measured["x"], measured["y"])]
     rows += [Curve(n, row["x"], row["y"], tone) for (n, row), tone in zip(curves.items(), tones, strict=False)]
-    figure = chart_figure(Chart("time, s", unit or "–", tuple(rows)), HEIGHT, dark)
+    figure = chart_figure(Chart("time, s", unit_text(unit), tuple(rows)), HEIGHT, dark)
     layout, colours = figure["layout"], theme(dark)
     first, last = float(measured["x"][0]), float(measured["x"][-1])
     if window is not None:
@@ -116,8 +126,7 @@ def ellipse_figure(fit: Mapping[str, Any], one: str, other: str, dark: bool) -> 
     )
     centre = [np.array([from_si(row["value"], row["unit"], unit)]) for row, unit in zip(rows, units, strict=True)]
     curves = Curve("95 % of both together", x, y), Curve("estimate", *centre, Tone.MODEL, Style.MARKS)
-    titles = [f"{n.replace('_', ' ')}, {unit}" for n, unit in zip((one, other), units, strict=True)]
-    return chart_figure(Chart(*titles, curves), HEIGHT, dark)
+    return chart_figure(Chart(*map(title_of, (one, other), units), curves), HEIGHT, dark)
 
 
 def autocorrelation_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:

@@ -180,11 +180,11 @@ class CampaignCalculations:
         """Fit the model with effects, one after the other, write its configuration, and say what falls where.
 
         Args:
-            names: ids of effects, or FILE.py:Class, in the order in which they are added.
+            names: ids of effects, or FILE.py:Class of a file of the folder, in the order in which they are added.
             trust: files of the user that may run.
         """
         campaign = self.checked()
-        kinds = [load_effect(name, trust=trust) for name in names]
+        kinds = [load_effect(name, self._workspace.folder, trust) for name in names]
         chain: tuple[str, ...] = ()
         if chain not in self._chosen:
             self._chosen[chain] = calibrated_model(campaign, self._say)

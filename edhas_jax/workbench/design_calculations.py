@@ -9,6 +9,7 @@ import numpy as np
 from edhas_jax.config.machine_config import Config, read_config
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.atomic_file import atomic_write
+from edhas_jax.core.plot_style import time_unit
 from edhas_jax.core.units import display_unit, format_result, from_si
 from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.sweep.pareto_front import non_dominated
@@ -18,6 +19,7 @@ from edhas_jax.machine.parameters import list_parameters, set_parameters, short_
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Simulation, simulate
+from edhas_jax.workbench.figure_parts import title_of
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS, Workspace, WorkspaceError
 
 AS_GIVEN_FILE = "as_given.yaml"
@@ -86,6 +88,7 @@ class DesignCalculations:
         is_cycle = machine.cycle is not None
         first = time[-1] - CYCLES_SHOWN / float(machine.reference.frequency) if is_cycle else 0.0
         inside = time >= max(first, 0.0) - 1e-12
+        factor, unit = time_unit(float(time[-1] - max(first, 0.0)))
         signals = {
             n: from_si(v[inside], machine.signals[n].unit, machine.signals[n].display_unit)
             for n, v in run.signals.items()
@@ -98,7 +101,8 @@ class DesignCalculations:
         except RunTooShortError:
             metrics = {}
         return {
-            "time": 1e3 * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
+            "time": factor * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
+            "time_title": title_of("time within the last cycle" if is_cycle else "time", unit),
             "units": {n: machine.signals[n].display_unit for n in signals},
             "status": run.status.name.lower(), "reason": run.reason, "valid": run.valid, "step": run.step_note,
         }  # fmt: skip

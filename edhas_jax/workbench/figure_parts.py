@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.core.chart import Chart, Style, Tone
+from edhas_jax.core.units import unit_text
 from edhas_jax.workbench.plot_theme import Theme, theme
 
 TOP, BOTTOM = 26.0, 46.0  # px, of a plot
@@ -52,6 +53,11 @@ def plain(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
+def title_of(name: str, unit: str) -> str:
+    """The title of an axis."""
+    return name.replace("_", " ") + (f", {unit_text(unit)}" if unit_text(unit) else "")
+
+
 def chart_figure(chart: Chart, height: float, dark: bool) -> dict[str, Any]:
     """A chart as a figure of Plotly of a height [px]."""
     colours = theme(dark)
@@ -67,8 +73,9 @@ def chart_figure(chart: Chart, height: float, dark: bool) -> dict[str, Any]:
         line = {"color": of_tone[tone], "width": 1.6, "dash": "dash" if style is Style.DASHED else "solid"}
         data.append({"type": "scatter", "mode": mode, "name": plain(name), "x": numbers(x), "y": numbers(y),
                      "line": line, "marker": {"size": 5, "color": of_tone[tone]}, "showlegend": bool(name),
-                     "error_y": {"array": numbers([] if error is None else error), "thickness": 1, "width": 3},
                      "hovertemplate": "%{x:.5g}: %{y:.5g}<extra></extra>"})  # fmt: skip
+        if error is not None:  # Plotly leaves space for error bars, even where there are none
+            data[-1]["error_y"] = {"array": numbers(error), "thickness": 1, "width": 3}
     line = {"color": colours.model, "dash": "dot", "width": 1.2}
     layout["shapes"] = [
         {"type": "line", "line": line, f"{along}ref": "paper", f"{along}0": 0, f"{along}1": 1, f"{across}0": place,

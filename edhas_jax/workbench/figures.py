@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.core.units import unit_text
 from edhas_jax.measurements.residual_matrix import COLOUR_RANGE, COLOUR_STOPS, ERROR_LABEL
 from edhas_jax.workbench.figure_parts import (
     BOTTOM,
@@ -17,6 +18,7 @@ from edhas_jax.workbench.figure_parts import (
     base_layout,
     numbers,
     plain,
+    title_of,
     x_axis,
     y_axis,
 )
@@ -62,7 +64,7 @@ def traces_figure(panels: Sequence[Mapping[str, Any]], dark: bool, shown: Sequen
     for k, panel in enumerate(panels):
         upper, lower = axis_number(2 * k), axis_number(2 * k + 1)
         start = 1.0 - (k * (PANEL + BELOW + BETWEEN) + BETWEEN) / whole
-        layout[f"yaxis{upper}"] = y_axis(colours, [start - PANEL / whole, start], panel["unit"] or "–")
+        layout[f"yaxis{upper}"] = y_axis(colours, [start - PANEL / whole, start], unit_text(panel["unit"]))
         end = start - PANEL / whole - 4.0 / whole
         layout[f"yaxis{lower}"] = y_axis(colours, [max(end - BELOW / whole, 0.0), end], ERROR) | {"nticks": 5}
         errors = " → ".join(f"{model['rms']:.2f}" for model in panel["models"].values())
@@ -110,9 +112,8 @@ def residual_figure(found: Mapping[str, Any], signal: str, variable: str, dark: 
     data.append({"type": "scatter", "mode": "lines+markers", "name": "mean", "x": x.tolist(), "y": numbers(y),
                  "line": {"color": colours.ink, "width": 2}, "marker": {"size": 4},
                  "hovertemplate": "%{x:.4g}: %{y:.3g} × noise<extra></extra>"})  # fmt: skip
-    unit = f", {found['unit']}" if found["unit"] not in ("", "-") else ""
-    what = variable if variable == "time" else f"{variable.replace('_', ' ')} of the model"
-    layout["xaxis"] = x_axis(colours, what + unit)
+    what = variable if variable == "time" else f"{variable} of the model"
+    layout["xaxis"] = x_axis(colours, title_of(what, found["unit"]))
     layout["yaxis"] = y_axis(colours, [0.0, 1.0], f"{signal.replace('_', ' ')}: {ERROR_LABEL}")
     return {"data": data, "layout": layout, "config": CONFIG}
 
@@ -154,6 +155,7 @@ def staircase_figure(stages: Mapping[str, Mapping[str, float]], dark: bool) -> d
         "tickfont": {"color": colours.ink, "size": 12.5}, "showgrid": False, "zeroline": False, "fixedrange": True,
     }  # fmt: skip
     layout["margin"] |= {"l": 12}
+    layout["showlegend"] = True  # Plotly names no series that is alone
     layout["shapes"] = [{"type": "line", "x0": 1, "x1": 1, "yref": "paper", "y0": 0, "y1": 1,
                          "line": {"color": colours.good, "dash": "dash", "width": 1.4}}]  # fmt: skip
     return {"data": data, "layout": layout, "config": CONFIG}
@@ -177,7 +179,7 @@ def lines_figure(
     for k, (title, unit, curves) in enumerate(panels):
         axis = axis_number(k)
         start = 1.0 - (k * (PANEL + BETWEEN) + BETWEEN) / whole
-        layout[f"yaxis{axis}"] = y_axis(colours, [max(start - PANEL / whole, 0.0), start], unit or "–")
+        layout[f"yaxis{axis}"] = y_axis(colours, [max(start - PANEL / whole, 0.0), start], unit_text(unit))
         layout["annotations"].append({
             "text": f"<b>{plain(title)}</b>", "xref": "paper", "yref": "paper", "x": 0.0, "y": start,
             "xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 12.5, "color": colours.ink},
@@ -228,7 +230,7 @@ def record_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:
     """A record with what is left out of it, see `DataCalculations.record`."""
     colours = theme(dark)
     layout = base_layout(colours, 280.0)
-    layout["xaxis"], layout["yaxis"] = x_axis(colours, "time, s"), y_axis(colours, [0.0, 1.0], found["unit"] or "–")
+    layout["xaxis"], layout["yaxis"] = x_axis(colours, "time, s"), y_axis(colours, [0.0, 1.0], unit_text(found["unit"]))
     layout["shapes"] = [
         {"type": "rect", "x0": first, "x1": last, "yref": "paper", "y0": 0, "y1": 1, "fillcolor": colours.grey,
          "opacity": 0.3, "line": {"width": 0}} for first, last in found["gaps"]

@@ -108,13 +108,17 @@ class Session:
         return f'comparison = edhas.compare("{self.workspace.shown}", "{shown}")'
 
     def command_try(self, names: list[str]) -> str:
-        """The command that fits the model with effects."""
+        """The command that fits the model with effects; files are those of the folder."""
         out = self.workspace.shown / RESULTS / TRIED / '+'.join(n.rpartition(':')[2] for n in names)
-        return shlex.join(["edhas", "add", str(self.workspace.shown), *names, "--out", str(out)])
+        return shlex.join(["edhas", "add", str(self.workspace.shown), *self._from_here(names), "--out", str(out)])
 
     def python_try(self, names: list[str]) -> str:
         """The Python lines that do the same."""
-        return f'added = edhas.add("{self.workspace.shown}", {json.dumps(names)})'
+        return f'added = edhas.add("{self.workspace.shown}", {json.dumps(self._from_here(names))})'
+
+    def _from_here(self, names: list[str]) -> list[str]:
+        """The names of effects as a command of the working folder has them."""
+        return [str(self.workspace.shown / name) if ":" in name else name for name in names]
 
     def add(self, name: str) -> None:
         """Keep an effect in the model."""
@@ -147,7 +151,8 @@ class Session:
             WorkspaceError: the file lies outside the folder.
         """
         source, _, name = spec.rpartition(":")
-        spec = f"{self.workspace.inside(source)}:{name}"
+        file = self.workspace.inside(source).relative_to(self.workspace.folder)
+        spec = f"{self.workspace.shown / file}:{name}"
         if spec not in self.allowed:
             self.allowed.append(spec)
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.core.units import unit_text
 from edhas_jax.workbench.calibration_figures import (
     HEIGHT,
     autocorrelation_figure,
@@ -90,11 +91,10 @@ class Certainty:
         command = self._page.session.command_fit("--profile", name)
         python = self._page.session.python_fit(name)
         self._page.did(f"calibrate with the profile of {name}", command, python)
-        low, high = found.stops
-        title = name.replace("_", " ")
-        unit = found.x_title.partition(", ")[2]
-        self._note.set_text(f"{title}: {low:.5g} to {high:.5g} {unit} with 95 % by the profile of χ².")
-        self._along.show(chart_figure(found, HEIGHT, self._page.dark))
+        low, high = found["interval"]
+        interval = f"{low:.5g} to {high:.5g} {unit_text(found['unit'])}".rstrip()
+        self._note.set_text(f"{name.replace('_', ' ')}: {interval} with 95 % by the profile of χ².")
+        self._along.show(chart_figure(found["chart"], HEIGHT, self._page.dark))
 
     async def _draw_autocorrelation(self) -> None:
         cell, time = self._cell(), self._page.workspace.result_time(CALIBRATED)

@@ -107,7 +107,7 @@ class DataView:
             editor.props["aria-label"] = "campaign.yaml"
             with ui.row():
                 save = ui.button("Save and check", on_click=lambda: self._save(editor.value, "change campaign.yaml"))
-                save.props("no-caps unelevated dense")
+                save.props("no-caps unelevated")
 
     async def _save(self, text: str, what: str) -> None:
         workspace = self._page.workspace

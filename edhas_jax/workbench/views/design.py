@@ -217,7 +217,7 @@ class DesignView:
             if name == "piston_position" and "reference" in run["signals"]:
                 curves.insert(0, (SET_POINT, run["time"], run["signals"]["reference"]))
             panels.append((name.replace("_", " "), run["units"][name], curves))
-        self._cycle.show(lines_figure(panels, "time within the last cycle, ms", self._page.dark))
+        self._cycle.show(lines_figure(panels, run["time_title"], self._page.dark))
         state = f"{run['status']}: {run['reason']}" if run["reason"] else run["status"]
         took = "" if seconds is None else f" · {seconds:.2f} s"
         self._status.set_text(f"{state} · {run['step']}{took}")

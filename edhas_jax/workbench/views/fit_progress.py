@@ -121,7 +121,7 @@ class FitProgress:
         page, cell = self._page, self.cell
         name, values, choices = self._present()
         window = self._window()
-        of = cell, values, choices, window, page.dark, self._drag.value, page.readings
+        of = cell, name, values, choices, window, page.dark, self._drag.value, page.readings
         if of == self._drawn:
             return
         given = await self._trajectory_as_given()

@@ -2,6 +2,7 @@
 
 from nicegui import ui
 
+from edhas_jax.core.units import unit_text
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.workbench.views.schematic import Schematic, parts_of
 from edhas_jax.workbench.views.suspects import candidate_name, is_quiet, status_text
@@ -66,7 +67,7 @@ class MachineView:
                 with ui.element("ul").classes("wb-list"):
                     for slot in slots:
                         with ui.element("li"):
-                            unit = "" if slot["unit"] == "-" else f" [{slot['unit']}]"
+                            unit = f" [{slot['unit']}]" if unit_text(slot["unit"]) else ""
                             ui.label(f"{slot['name'].replace('_', ' ')}{unit}: {slot['doc']}")
             here = [k for k in LIBRARY if k.slots[0].location == part and {s.name for s in k.slots} <= names]
             added = [effect_id(name) for name in workspace.decisions().added]

@@ -143,7 +143,7 @@ class Mapper:
             with ui.row().classes("items-center gap-3 w-full"):
                 ui.label(name).classes("font-semibold")
                 ui.label(f"{self._files[name]['samples']:,} samples").classes("wb-quiet")
-                use = ui.toggle(USES, value=entries["use"]).props("dense no-caps unelevated size=sm")
+                use = ui.toggle(USES, value=entries["use"]).props("dense no-caps unelevated size=sm padding='3px 10px'")
                 use.on_value_change(lambda e: change("use", e.value))
             with ui.row().classes("gap-2"):
                 fields = {}

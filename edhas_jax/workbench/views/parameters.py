@@ -47,7 +47,7 @@ class Parameters(ChoiceTables):
             with ui.row().classes("items-end gap-3"):
                 others = {n: f"{n.replace('_', ' ')} = {v}" for n, v in self._others().items() if n not in names}
                 self._more = ui.select(others, label="another parameter of the machine", with_input=True)
-                self._more.classes("min-w-72").props("dense options-dense outlined")
+                self._more.classes("min-w-80").props("dense options-dense outlined")
                 ui.button("Free it", on_click=self._free_another).props("no-caps flat dense icon=add")
             ui.label(NOTES).classes("wb-quiet")
 

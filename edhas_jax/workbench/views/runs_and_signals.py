@@ -5,6 +5,7 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.core.units import unit_text
 from edhas_jax.workbench.views.table import ChoiceTables, check_box, field_table, text_field
 
 NOTES = (
@@ -80,7 +81,7 @@ class RunsAndSignals(ChoiceTables):
                         field = text_field(f"factor on the noise of {title}", factor, "1", self._choose_signals)
                         self._factors[name] = field
                     with ui.element("td"):
-                        ui.label(f"{summary['noise'][name]:.4g} {unit}")
+                        ui.label(f"{summary['noise'][name]:.4g} {unit_text(unit)}")
 
     async def _choose_runs(self) -> None:
         usual = [n for n, run in self._page.summary["runs"].items() if run["use"] == "fit"]

@@ -30,10 +30,12 @@ class Suspects:
         self._page, self._on_change = page, on_change
         ui.label("Suspects").classes("wb-h mt-4")
         with ui.row().classes("items-end gap-3"):
-            self._effect = ui.select({}, label="any effect of the library", with_input=True).classes("min-w-64")
-            self._effect.props("dense options-dense outlined")
-            ui.button("Try it", on_click=lambda: self._try(self._effect.value)).props("no-caps flat dense icon=science")
-            self._own = ui.input("an effect of your own, FILE.py:Class").props("dense outlined").classes("min-w-64")
+            with ui.row().classes("items-end gap-3") as self._of_library:
+                self._effect = ui.select({}, label="any effect of the library", with_input=True).classes("min-w-64")
+                self._effect.props("dense options-dense outlined")
+                button = ui.button("Try it", on_click=lambda: self._try(self._effect.value))
+                button.props("no-caps flat dense icon=science")
+            self._own = ui.input("an effect of your own, FILE.py:Class").props("dense outlined").classes("min-w-72")
             ui.button("Try your own", on_click=self._try_own).props("no-caps flat dense icon=science")
         self._cards = ui.element("div").classes("wb-cards mt-3")
         self._shown: Any = None  # all that the cards are made of
@@ -49,6 +51,7 @@ class Suspects:
             names = {slot["name"] for slot in summary["slots"]}
             free = [k.id for k in LIBRARY if {s.name for s in k.slots} <= names and k.id not in summary["effects"]]
             self._effect.set_options({name: name.replace("_", " ") for name in free}, value=self._effect.value)
+            self._of_library.set_visibility(bool(free))
         tried = workspace.tried()
         is_present = [is_of_present_inputs(workspace, row) for row in tried.values()]
         shown = rows, decisions, tried, is_present, summary
@@ -77,16 +80,16 @@ class Suspects:
             card.classes("wb-grey")
         with card:
             with ui.row().classes("items-center w-full no-wrap"):
-                ui.label(name.replace("_", " ")).classes("font-semibold")
+                ui.label(effect_id(name).replace("_", " ")).classes("font-semibold wb-wrap")
                 ui.space()
                 if name in decisions.added:
-                    ui.label("in the model").classes("wb-chip wb-good")
+                    ui.label("in the model").classes("wb-chip wb-good whitespace-nowrap")
                 elif name in decisions.rejected:
-                    ui.label("rejected").classes("wb-chip wb-bad")
+                    ui.label("rejected").classes("wb-chip wb-bad whitespace-nowrap")
                 elif row.get("probability") is not None:
                     ui.label(status_text(row)).classes("wb-chip")
             place = "sensor" if is_sensor else row.get("slot") or (kind.slots[0].location if kind else "")
-            summary = f"a fault of the sensor of {row['signal'].replace('_', ' ')}" if is_sensor else _summary(kind)
+            summary = _summary(kind, name, row)
             ui.label(f"{place.replace('_', ' ')} · {summary}" if place else summary).classes("wb-quiet")
             if tried is None:  # one size is shown, that of the present model where it was fitted
                 self._found(row)
@@ -235,7 +238,7 @@ class Suspects:
             async def run() -> None:
                 dialog.close()
                 self._page.attempt(lambda: self._page.session.allow(spec))
-                await self._try(f"{path}:{name}")
+                await self._try(f"{path.relative_to(self._page.workspace.folder)}:{name}")
 
             with ui.row():
                 ui.button(f"Run {source}", on_click=run).props("no-caps unelevated")
@@ -262,5 +265,7 @@ def is_quiet(row: dict[str, Any]) -> bool:
     return row.get("outcome") not in {o.value for o in Outcome if not o.is_quiet}
 
 
-def _summary(kind) -> str:
-    return "" if kind is None else (kind.__doc__ or "").strip().splitlines()[0]
+def _summary(kind, name: str, row: dict[str, Any]) -> str:
+    if row.get("signal"):
+        return f"a fault of the sensor of {row['signal'].replace('_', ' ')}"
+    return f"an effect of your own, {name}" if kind is None else (kind.__doc__ or "").strip().splitlines()[0]

@@ -1,6 +1,6 @@
 """A sweep over two parameters of a design: heat map of a metric, Pareto front, a click on a cell shows its cycle."""
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.chart import Chart, Curve, Style, Tone
 from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity
-from edhas_jax.workbench.figure_parts import chart_figure
+from edhas_jax.workbench.figure_parts import chart_figure, title_of
 from edhas_jax.workbench.figures import heat_map_figure
 from edhas_jax.workbench.jobs import DONE, RUNNING, Job
 from edhas_jax.workbench.views.plot import Plot
@@ -68,8 +68,8 @@ class SweepPanel:
                 ranged, value=defaults[2 if len(defaults) > 2 else 1], label="vertical", with_input=True
             )
             self._y.classes("min-w-48")
-            metrics = self._opened["metrics"]
-            self._metric = ui.select(metrics, value=metrics[0], label="metric").classes("min-w-44")
+            metrics = _titles(self._opened["metrics"])
+            self._metric = ui.select(metrics, value=next(iter(metrics)), label="metric").classes("min-w-44")
             for field in (self._x, self._y, self._metric):
                 field.props("dense options-dense outlined")
             self._metric.on_value_change(lambda _: self._draw_heat_map())
@@ -120,8 +120,8 @@ class SweepPanel:
         if len(found["parameters"]) != 2 or len(found["status"]) != GRID**2:
             return  # of another kind; `edhas plot sweep` draws it
         self._sweep = found | {"folder": str(Path(RESULTS, DESIGNS, folder))}
-        metrics = list(found["metrics"])
-        chosen = self._metric.value if self._metric.value in metrics else metrics[0]
+        metrics = _titles(found["metrics"])
+        chosen = self._metric.value if self._metric.value in metrics else next(iter(metrics))
         self._metric.set_options(metrics, value=chosen)
         self._draw_heat_map()
         await self._draw_front()
@@ -135,7 +135,7 @@ class SweepPanel:
         z = np.full((len(y), len(x)), np.nan)
         at = np.searchsorted(y, sweep["shown"][second]), np.searchsorted(x, sweep["shown"][first])
         z[at] = sweep["shown"][self._metric.value]
-        labels = tuple(self._label(name) for name in (first, second, self._metric.value))
+        labels = tuple(title_of(name, sweep["units"][name]) for name in (first, second, self._metric.value))
         self._heat.show(heat_map_figure(x, y, z, labels, self._page.dark))
 
     async def _draw_front(self) -> None:
@@ -148,17 +148,14 @@ class SweepPanel:
         front = await self._page.ask("design.pareto_front", self._sweep["folder"], first, second, signs)
         if front is None:
             return
-        shown = self._sweep["shown"]
+        shown, units = self._sweep["shown"], self._sweep["units"]
+        titles = (title_of(name, units[name]) for name in (first, second))
         x, y = shown[first], shown[second]
         curves = (
             Curve("designs", x, y, Tone.BESIDE, Style.MARKS),
             Curve("front", x[front], y[front], Tone.MODEL, Style.MARKED),
         )
-        self._front.show(chart_figure(Chart(self._label(first), self._label(second), curves), 380.0, self._page.dark))
-
-    def _label(self, name: str) -> str:
-        unit = self._sweep["units"][name]
-        return name.replace("_", " ") + (f", {unit}" if unit not in ("", "-") else "")
+        self._front.show(chart_figure(Chart(*titles, curves), 380.0, self._page.dark))
 
     async def _click_cell(self, event) -> None:
         """Show the cycle of the design that was clicked."""
@@ -173,3 +170,7 @@ class SweepPanel:
             )
         )
         await self._on_design({name: float(self._sweep["si"][name][row]) for name in (first, second)})
+
+
+def _titles(names: Iterable[str]) -> dict[str, str]:
+    return {name: name.replace("_", " ") for name in names}
