@@ -94,7 +94,7 @@ class Certainty:
         low, high = found["interval"]
         interval = f"{low:.5g} to {high:.5g} {unit_text(found['unit'])}".rstrip()
         self._note.set_text(f"{name.replace('_', ' ')}: {interval} with 95 % by the profile of χ².")
-        self._along.show(chart_figure(found["chart"], HEIGHT, self._page.dark))
+        self._along.show(chart_figure(found["chart"], HEIGHT, self._page.dark).plain)
 
     async def _draw_autocorrelation(self) -> None:
         cell, time = self._cell(), self._page.workspace.result_time(CALIBRATED)

@@ -20,7 +20,7 @@ async def show_law_curve(page, names: list[str]) -> None:
     effect = found["effect"].replace("_", " ")
     with page.floor, ui.dialog() as dialog, ui.card().classes("wb-problems").props("data-mark=law"):
         ui.label(f"{effect}: estimated curve and law of the library").classes("font-semibold")
-        ui.plotly(chart_figure(found["chart"], HEIGHT, page.dark)).classes("w-full")
+        ui.plotly(chart_figure(found["chart"], HEIGHT, page.dark).plain).classes("w-full")
         if found["sentence"] is not None:
             ui.label(found["sentence"])
         ui.label("The curve assumes no formula: it is fitted to the runs together with all other unknowns. "

@@ -155,7 +155,7 @@ class SweepPanel:
             Curve("designs", x, y, Tone.BESIDE, Style.MARKS),
             Curve("front", x[front], y[front], Tone.MODEL, Style.MARKED),
         )
-        self._front.show(chart_figure(Chart(*titles, curves), 380.0, self._page.dark))
+        self._front.show(chart_figure(Chart(*titles, curves), 380.0, self._page.dark).plain)
 
     async def _click_cell(self, event) -> None:
         """Show the cycle of the design that was clicked."""
