@@ -86,7 +86,7 @@ class FitCalculations:
         rows = {}
         for name, row in (("measured", record), ("model", predicted)):
             index = thinned(time, row, -np.inf, np.inf, width)
-            rows[name] = {"x": time[index], "y": self._of_campaign.shown(about, row[index])}
+            rows[name] = {"x": time[index], "y": about.shown(row[index])}
         residual = (record - predicted) / given.channels[signal].noise
         over_noise = float(np.sqrt(np.nanmean(np.square(residual)))) if np.isfinite(residual).any() else np.inf
         return rows | {"unit": about.display_unit, "over_noise": over_noise}
@@ -110,16 +110,15 @@ class FitCalculations:
         interval = [float(from_si(end, unit, shown)) for end in found.interval()]
         return {"chart": profile_chart(fit, found), "unit": shown, "interval": interval}
 
-    def autocorrelation(self, model: str, trust: list[str], run: str, signal: str) -> dict[str, Any] | None:
+    def autocorrelation(self, model: str, run: str, signal: str) -> dict[str, Any] | None:
         """The autocorrelation of the residual of a signal; None where the run does not have it.
 
         Args:
             model: name of the model.
-            trust: files of the user that may run.
             run: the run.
             signal: the signal.
         """
-        comparison, _ = self._of_campaign.comparison(model, "set_point", trust)
+        comparison, _ = self._of_campaign.comparison(model, "set_point")
         compared = next((c for c in comparison.runs if c.run.name == run and signal in c.residuals), None)
         if compared is None:
             return None

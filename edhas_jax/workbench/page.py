@@ -22,6 +22,7 @@ from edhas_jax.workbench.views.compare import CompareView
 from edhas_jax.workbench.views.data import DataView
 from edhas_jax.workbench.views.design import DesignView
 from edhas_jax.workbench.views.diagnose import DiagnoseView
+from edhas_jax.workbench.views.elements import Button, bullets, dialog
 from edhas_jax.workbench.views.machine import MachineView
 from edhas_jax.workbench.views.overview import OverviewView
 from edhas_jax.workbench.views.report import ReportView
@@ -165,6 +166,19 @@ class Page:
             self.say("")
         return None
 
+    @property
+    def missing(self) -> list[str]:
+        """Why there is no campaign to look at; empty where there is one."""
+        if self.summary is not None:
+            return []
+        return self.problems or ["There is no campaign in this folder yet. Begin in the view “Data”."]
+
+    def has_campaign(self) -> bool:
+        """Whether there is a campaign to work on; the user is told if not."""
+        if self.missing:
+            self.tell("\n".join(self.missing))
+        return not self.missing
+
     def attempt(self, action: Callable[[], Any]) -> Any:
         """The result of an action on the folder; None where it was refused, which the user was told."""
         try:
@@ -176,17 +190,11 @@ class Page:
     def tell(self, text: str) -> None:
         """Show what is wrong, every problem in a line of its own, until it is closed."""
         lines = text.splitlines() or ["unknown"]
-        with self.floor, ui.dialog().props("aria-label='What is wrong'") as dialog, ui.card().classes("wb-problems"):
-            ui.label("This does not work yet").classes("text-base font-semibold")
-            with ui.element("ul").classes("wb-list"):
-                for line in lines[:MAX_LISTED_PROBLEMS]:
-                    with ui.element("li"):
-                        ui.label(line)
+        with dialog(self, "This does not work yet", is_wide=True) as told:
+            bullets(lines[:MAX_LISTED_PROBLEMS])
             if len(lines) > MAX_LISTED_PROBLEMS:
                 ui.label(f"and {len(lines) - MAX_LISTED_PROBLEMS} more")
-            ui.button("Close", on_click=dialog.close).props("flat no-caps")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            Button("Close", on_click=told.close)
 
     def note(self, text: str) -> None:
         """Show a sentence for a few seconds."""
@@ -279,7 +287,7 @@ class Page:
         self.dark = not self.dark
         mode.set_value(self.dark)
         for name in self._built:
-            await self._views[name].redraw()
+            await self._views[name].refresh()
 
     async def _arrive(self, address: str) -> None:
         """Go where an address says; a campaign opens with the overview."""

@@ -76,11 +76,15 @@ class Workspace:
     Args:
         folder: the folder; nothing outside it is read or written.
         config: a configuration below it, where the workbench was opened on one.
+
+    Attributes:
+        allowed: effects of files that a click has allowed to run, as FILE.py:Class; forgotten when the server ends.
     """
 
     def __init__(self, folder: Path, config: Path | None = None):
         self.folder = Path(os.path.realpath(folder))
         self.shown = folder  # as the user has written it, for commands
+        self.allowed: list[str] = []
         self.config = None if config is None else self.inside(config.name)
         self._hashes: dict[Path, tuple[tuple[int, int], str]] = {}
 
@@ -313,10 +317,14 @@ class Workspace:
         return data if isinstance(data, dict) else None
 
     def _write_json(self, name: Path, data: Mapping[str, Any]) -> None:
+        self.write(name, json.dumps(data, indent=1, ensure_ascii=False))
+
+    def write(self, name: str | Path, text: str) -> None:
+        """Write a file below the folder, whole or not at all."""
         path = self.inside(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as temporary:
-            temporary.write_text(json.dumps(data, indent=1, ensure_ascii=False), encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
 
 
 def open_workspace(path: Path) -> Workspace:
