@@ -78,8 +78,7 @@ class Page:
         self._is_ready, self._changed = False, ()
         self._errors_shown: Any = None
         self._marks: tuple = ((), ())  # of the campaign and of the results that are shown
-        self._begun: set[str] = set()  # views whose building has begun, and those that are built
-        self._built: set[str] = set()
+        self._built: set[str] = set()  # of the views, which begin to be built when they are first opened
         self.problems: list[str] = []
         self.readings = 0
         self.place, self.shown = Place(), ("", "")
@@ -109,9 +108,9 @@ class Page:
         self._notice.set_visibility(False)
         self._verdict = Verdict(lambda: self.go(view=WHOLE_VERDICT))
         with ui.tab_panels(self._tabs, animated=False, keep_alive=False).classes("w-full wb-panels"):
-            for name, (view, _, _) in VIEWS.items():
-                with ui.tab_panel(name), ui.column().classes("w-full gap-2") as place:
-                    self._views[name], self._places[name] = view(self), place
+            for name in VIEWS:
+                with ui.tab_panel(name):
+                    self._places[name] = ui.column().classes("w-full gap-2")
         with ui.footer().classes("wb-footer"), ui.row().classes("w-full items-center no-wrap gap-2"):
             ui.icon("terminal")
             self._command = ui.label("").classes("wb-code ellipsis").props("data-mark=command")
@@ -129,7 +128,7 @@ class Page:
         await self.read_campaign()
         self._marks = marks
         self._is_ready = True
-        if self._tabs.value in self._views:  # one was clicked meanwhile
+        if self._tabs.value in VIEWS:  # one was clicked meanwhile
             await self._open(self._tabs.value)
         else:
             await self._arrive(found["address"] or self.workspace.packed_place())
@@ -326,8 +325,8 @@ class Page:
         self._show_command()
         if name in self._built:
             await self._views[name].refresh()
-        elif name in self._views and name not in self._begun:
-            self._begun.add(name)
+        elif name in VIEWS and name not in self._views:
+            self._views[name] = VIEWS[name][0](self)
             with self._places[name]:
                 await self._views[name].build()
             self._built.add(name)

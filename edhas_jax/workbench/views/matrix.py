@@ -1,10 +1,10 @@
 """The matrix of errors: runs × signals, coloured as in the reports."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 
 from nicegui import ui
 
+from edhas_jax.measurements.residual_matrix import error_text
 from edhas_jax.workbench.figures import error_colour
 from edhas_jax.workbench.views.table import cell
 
@@ -65,7 +65,7 @@ def _cell(
         button.props["aria-label"] = f"{run}, {signal}: {value:.2f} times the noise" + (
             f", worse than {before:.2f} before" if is_worse else ""
         )
-        text = _number(value) if is_small or before is None else f"{_number(before)} → {_number(value)}"
+        text = error_text(value) if is_small or before is None else f"{error_text(before)} → {error_text(value)}"
         with button:
             ui.label(f"▲ {text}" if is_worse else text)
         if is_worse:
@@ -74,9 +74,3 @@ def _cell(
             button.on("click", lambda _: on_click(run, signal))
         else:
             button.props("disabled").style("cursor: default")
-
-
-def _number(value: float) -> str:
-    if not math.isfinite(value):
-        return "fails"
-    return f"{value:.2f}" if value < 10 else f"{value:.0f}"
