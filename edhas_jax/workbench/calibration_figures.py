@@ -70,8 +70,8 @@ def correlation_figure(correlation: Mapping[str, Mapping[str, float | None]], da
     figure = Figure(dark, TOP + NAMES + CELL * len(correlation))
     values = [[math.nan if v is None else v for v in row.values()] for row in correlation.values()]
     shown = [["" if math.isnan(v) else f"{v:+.2f}" for v in row] for row in values]
-    either = {"tickfont": {"color": figure.colours.ink, "size": 11.5}, "showgrid": False, "fixedrange": True,
-              "automargin": True}  # fmt: skip
+    either = {"tickfont": {"color": figure.colours.ink, "size": 11.5}, "showgrid": False, "showline": False,
+              "fixedrange": True, "automargin": True}  # fmt: skip
     labels = [plain(name.replace("_", " ")) for name in correlation]
     figure.layout["xaxis"] = either | {"tickangle": -40}
     figure.layout["yaxis"] = either | {"autorange": "reversed"}

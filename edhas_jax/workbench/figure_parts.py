@@ -125,7 +125,7 @@ def _usual_layout(colours: Theme) -> dict[str, Any]:
         "plot_bgcolor": "rgba(0,0,0,0)", "font": {"family": FONT, "size": 12, "color": colours.grey},
         "legend": {"orientation": "h", "x": 1.0, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "font": ink},
         "dragmode": "zoom", "hoverlabel": {"font": {"family": FONT}},
-        "xaxis": either | {"linecolor": colours.grid, "title": {"font": ink, "standoff": 8}},
+        "xaxis": either | {"showline": True, "linecolor": colours.grid, "title": {"font": ink, "standoff": 8}},
         "yaxis": either | {"nticks": 6, "title": {"font": ink | {"size": 11.5}, "standoff": 4}},
     }  # fmt: skip
 
