@@ -13,6 +13,7 @@ from edhas_jax.workbench.figure_parts import TOP, Figure, chart_figure, numbers,
 HEIGHT = 300.0  # px
 CELL, NAMES = 34.0, 150.0  # px of the correlations: a cell, the space for names
 CHI2_95_OF_TWO = 5.991  # 95 % quantile of χ² with two degrees of freedom
+MARGIN = 0.05  # share of the width of the ellipse beside it, as Plotly leaves above it
 OUTSIDE = 0.22  # opacity of the samples that a window leaves out
 
 
@@ -106,7 +107,9 @@ def ellipse_figure(fit: Mapping[str, Any], one: str, other: str, dark: bool) -> 
     )
     centre = [np.array([from_si(row["value"], row["unit"], unit)]) for row, unit in zip(rows, units, strict=True)]
     curves = Curve("95 % of both together", x, y), Curve("estimate", *centre, Tone.MODEL, Style.MARKS)
-    return chart_figure(Chart(*map(title_of, (one, other), units), curves), HEIGHT, dark).plain
+    figure = chart_figure(Chart(*map(title_of, (one, other), units), curves), HEIGHT, dark)
+    figure.layout["xaxis"]["range"] = [float(x.min() - MARGIN * np.ptp(x)), float(x.max() + MARGIN * np.ptp(x))]
+    return figure.plain
 
 
 def autocorrelation_figure(found: Mapping[str, Any], dark: bool) -> dict[str, Any]:

@@ -116,6 +116,10 @@ def test_from_code_that_may_not_run_to_an_effect_of_ones_own(tank, workbench, lo
     assert chip["x"] + chip["width"] <= place["x"] + place["width"], "cut off on a narrow page"
     page.set_viewport_size({"width": 1280, "height": 900})
 
+    tab(page, "Compare")
+    mark(page, "traces").locator(".main-svg").first.wait_for()
+    assert not page.get_by_label("driven by").is_visible(), "its drives are always those of the records"
+
     tab(page, "Design")
     mark(page, "cycle").locator(".main-svg").first.wait_for()
     assert mark(page, "cycle").evaluate("plot => plot.layout.xaxis.title.text") == "time, s"

@@ -4,6 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.measurements.residual_matrix import ERROR_LABEL
 from edhas_jax.workbench.figures import residual_figure, traces_figure
@@ -107,6 +108,7 @@ class CompareView:
                 for line in page.missing:
                     ui.label(line)
             return
+        self._replays.set_visibility(page.summary["rig"] in RIGS)  # the drives of one's own rig are in its records
         of, overlaid = self._identity(), self._overlaid()
         found = await page.ask("campaign.compare", self._model, self._replay)
         if found is None:
