@@ -123,7 +123,7 @@ def remembered_files() -> dict[str, str]:
     Raises:
         TrustError: the list cannot be read, or other users can change it.
     """
-    path = _list_path()
+    path = trusted_list()
     if path is None or not os.path.lexists(path):
         return {}
     foreign = foreign_access(path) or foreign_access(path.parent)
@@ -158,13 +158,14 @@ def _names_class(text: str) -> bool:
     return bool(colon) and name.strip().isidentifier() and bool(source)
 
 
-def _list_path() -> Path | None:
+def trusted_list() -> Path | None:
+    """The file that lists what was allowed once; None if the user has no folder for settings."""
     folder = settings_folder()
     return None if folder is None else folder / TRUSTED_FILE
 
 
 def _write_list(files: dict[str, str]) -> Path:
-    path = _list_path()
+    path = trusted_list()
     if path is None:
         raise TrustError("there is no folder for settings; name one with EDHAS_CONFIG=FOLDER")
     text = "".join(f"{digest}  {where}\n" for digest, where in files.items() if "\n" not in where)

@@ -200,6 +200,11 @@ def display_unit(unit: str, value: float | None = None) -> str:
     return _USUAL_UNITS.get(unit, _display_row(unit, 1.0)[0]) if value is None else _display_row(unit, value)[0]
 
 
+def unit_text(unit: str) -> str:
+    """A unit as it stands behind numbers and in titles: nothing for a number without one ("-")."""
+    return "" if unit == "-" else unit
+
+
 def format_quantity(value: float, unit: str) -> str:
     """A value in SI as text with four significant digits and a suitable prefix: "12 mm", "0.2 MPa", "20 µm"."""
     shown, size, _ = _display_row(unit, float(value))

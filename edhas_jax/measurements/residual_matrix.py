@@ -59,6 +59,13 @@ def draw_residual_matrix(
     return figure
 
 
+def error_text(value: float) -> str:
+    """A residual over noise as it stands in a cell."""
+    if not np.isfinite(value):
+        return "fails"
+    return f"{value:.2f}" if value < 10 else f"{value:.0f}"
+
+
 def run_descriptions(campaign: Campaign) -> dict[str, str]:
     """The conditions of each run with their units, and whether it is held out, as a short text by run."""
     descriptions = {}
@@ -77,6 +84,5 @@ def _write_values(axes, values: np.ndarray) -> None:
     for (row, column), value in np.ndenumerate(values):
         if np.isnan(value):
             continue
-        text = "fails" if np.isinf(value) else f"{value:.2f}" if value < 10 else f"{value:.0f}"
         colour = "white" if value > WHITE_TEXT_ABOVE else INK
-        axes.text(column, row, text, ha="center", va="center", fontsize=9, color=colour)
+        axes.text(column, row, error_text(value), ha="center", va="center", fontsize=9, color=colour)

@@ -27,14 +27,15 @@ class Calculations:
 
     def __init__(self, folder: Path, say: Callable[[str], None]):
         keep_xla_programs()
-        workspace = Workspace(folder)
+        self._workspace = workspace = Workspace(folder)
         self.campaign = CampaignCalculations(workspace, say)
         self.data = DataCalculations(workspace, say)
         self.design = DesignCalculations(workspace, say)
         self.fit = FitCalculations(workspace, self.campaign, say)
 
-    def answer(self, name: str, arguments: tuple):
-        """The answer to one question, such as "campaign.compare"."""
+    def answer(self, name: str, arguments: tuple, allowed: list[str]):
+        """The answer to one question, such as "campaign.compare", with the effects of files that may run."""
+        self._workspace.allowed = allowed
         topic, _, method = name.partition(".")
         return getattr(getattr(self, topic), method)(*arguments)
 

@@ -10,7 +10,7 @@ import multiprocessing
 import signal
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +31,11 @@ class Calculator:
 
     Args:
         folder: the folder that the process works on.
+        allowed: effects of files that may run; grows while the process runs.
     """
 
-    def __init__(self, folder: Path):
-        self._folder = folder
+    def __init__(self, folder: Path, allowed: Sequence[str] = ()):
+        self._folder, self._allowed = folder, allowed
         self._context = multiprocessing.get_context("spawn")
         self._process: multiprocessing.Process | None = None
         self._connection = None
@@ -43,7 +44,6 @@ class Calculator:
         self._asked = 0  # questions so far: the number of the last one
         self._cancelled = False
         self.busy_with = ""
-        self.progress = ""
 
     async def call(self, name: str, *arguments: Any, say: Callable[[str], None] | None = None) -> Any:
         """The answer to a question, see `Calculations`.
@@ -58,11 +58,11 @@ class Calculator:
             CalculationCancelled: `cancel` was called.
         """
         async with self._lock:
-            self.busy_with, self.progress, self._cancelled = name, "", False
+            self.busy_with, self._cancelled = name, False
             try:
                 self._start()
                 self._asked += 1
-                self._connection.send((self._asked, name, arguments))
+                self._connection.send((self._asked, name, arguments, list(self._allowed)))
                 return await self._answer(self._asked, say)
             except (EOFError, OSError) as error:
                 self.stop()
@@ -70,7 +70,7 @@ class Calculator:
                     raise CalculationCancelled from None
                 raise CalculationError(f"the calculating process has ended ({type(error).__name__})") from None
             finally:
-                self.busy_with = self.progress = ""
+                self.busy_with = ""
 
     async def _answer(self, number: int, say: Callable[[str], None] | None) -> Any:
         """The answer to the question of a number.
@@ -87,9 +87,7 @@ class Calculator:
             if of != number:
                 continue
             if kind == PROGRESS:
-                self.progress = value
-                if say is not None:
-                    say(value)
+                (say or str)(value)
             elif kind == RESULT:
                 return value
             else:
@@ -132,7 +130,7 @@ def serve(connection, folder: str) -> None:
     """Calculate what comes through a connection until it is closed: the process itself.
 
     Args:
-        connection: end of a pipe; receives (number, name, arguments), sends (number, kind, value).
+        connection: end of a pipe; receives (number, name, arguments, allowed effects), sends (number, kind, value).
         folder: the folder to work on.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal ends the server, and that ends this process
@@ -142,9 +140,9 @@ def serve(connection, folder: str) -> None:
     calculations = Calculations(Path(folder), lambda sentence: connection.send((number, PROGRESS, sentence)))
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            number, name, arguments = connection.recv()
+            number, name, arguments, allowed = connection.recv()
             try:
-                answer = RESULT, calculations.answer(name, arguments)
+                answer = RESULT, calculations.answer(name, arguments, allowed)
             except Exception as error:
                 if is_user_error(error):
                     answer = USER_ERROR, str(error)

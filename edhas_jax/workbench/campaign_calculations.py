@@ -9,13 +9,12 @@ import numpy as np
 
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
-from edhas_jax.core.units import exact_quantity, format_quantity, from_si
+from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.diagnosis.laws.curve_figure import law_chart
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.report import law_sentence
 from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.machine.effects.loading import load_effect
-from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign, Severity
 from edhas_jax.measurements.campaign_reader import read_campaign
@@ -57,7 +56,7 @@ class CampaignCalculations:
     def open(self) -> dict[str, Any]:
         """The campaign in brief: runs, signals, noise, and what the check of the data found."""
         campaign = self.checked()
-        signals = campaign.machine.signals
+        signals, channels = campaign.machine.signals, campaign.channels.items()
         order = list(Severity)
         remarks = sorted(campaign.remarks, key=lambda remark: order.index(remark.severity))
         return {
@@ -66,7 +65,7 @@ class CampaignCalculations:
             "slots": [slot._asdict() | {"rule": slot.rule.value} for slot in campaign.machine.slots],
             "effects": [effect.id for effect in campaign.machine.effects],
             "signals": {name: signals[name].display_unit for name in campaign.channels},
-            "noise": {name: self._difference(signals[name], c.noise) for name, c in campaign.channels.items()},
+            "noise": {n: float(signals[n].shown(c.noise) - signals[n].shown(0.0)) for n, c in channels},
             "noise_table": noise_as_json(campaign),
             "runs": {
                 run.name: {"use": run.use.value, "samples": len(run.time), "end": float(run.time[-1])}
@@ -79,9 +78,9 @@ class CampaignCalculations:
             "remarks": [(r.severity.value, r.file.name, r.line, r.sentence) for r in remarks],
         }
 
-    def compare(self, model: str, replay: str, trust: list[str]) -> dict[str, Any]:
+    def compare(self, model: str, replay: str) -> dict[str, Any]:
         """Errors of a model by run and signal, and the patterns of the residuals as sentences with their places."""
-        comparison, patterns = self.comparison(model, replay, trust)
+        comparison, patterns = self.comparison(model, replay)
         path = self._workspace.models()[model]
         return {
             "matrix": comparison.rms_over_noise(),
@@ -96,7 +95,7 @@ class CampaignCalculations:
         }
 
     def traces(
-        self, models: list[str], replay: str, trust: list[str], panels: list[tuple[str, str]], first: float,
+        self, models: list[str], replay: str, panels: list[tuple[str, str]], first: float,
         last: float, width: int,
     ) -> list[dict[str, Any]]:  # fmt: skip
         """Measured and modelled signal and (measured − model)/noise of some panels, thinned to the width of the plot.
@@ -104,7 +103,6 @@ class CampaignCalculations:
         Args:
             models: names of the models.
             replay: the input that drives them.
-            trust: files of the user that may run.
             panels: run and signal of each panel.
             first: first time shown [s].
             last: last time shown [s].
@@ -112,7 +110,7 @@ class CampaignCalculations:
         """
         out = []
         for run, signal in panels:
-            of_models = self._compared_run(models, replay, trust, run, signal)
+            of_models = self._compared_run(models, replay, run, signal)
             if not of_models:
                 continue
             compared = next(iter(of_models.values()))
@@ -124,11 +122,10 @@ class CampaignCalculations:
 
             out.append({
                 "run": run, "signal": signal, "unit": about.display_unit, "samples": len(time),
-                "measured": row(self.shown(about, channel[signal])),
+                "measured": row(about.shown(channel[signal])),
                 "models": {
-                    model: row(self.shown(about, c.model[signal])) | {
-                        "rms": c.rms_over_noise[signal],
-                        "residual": row(c.residuals[signal]),
+                    model: row(about.shown(c.model[signal])) | {
+                        "rms": c.rms_over_noise[signal], "residual": row(c.residuals[signal]),
                     }
                     for model, c in of_models.items()
                 },
@@ -136,17 +133,17 @@ class CampaignCalculations:
         return out
 
     def samples(
-        self, models: list[str], replay: str, trust: list[str], run: str, signals: list[str]
+        self, models: list[str], replay: str, run: str, signals: list[str]
     ) -> list[list[Any]]:  # fmt: skip
         """All samples of some signals of a run, measured and modelled, as rows below their head."""
         columns: dict[str, list] = {}
         for signal in signals:
             about = self.checked().machine.signals[signal]
-            for model, compared in self._compared_run(models, replay, trust, run, signal).items():
+            for model, compared in self._compared_run(models, replay, run, signal).items():
                 name = f"{signal} [{about.display_unit}]"
                 columns.setdefault("time [s]", compared.run.time.tolist())
-                columns.setdefault(f"measured {name}", self.shown(about, compared.run.signals[signal]).tolist())
-                columns[f"{model} {name}"] = self.shown(about, compared.model[signal]).tolist()
+                columns.setdefault(f"measured {name}", about.shown(compared.run.signals[signal]).tolist())
+                columns[f"{model} {name}"] = about.shown(compared.model[signal]).tolist()
         return [list(columns), *map(list, zip(*columns.values(), strict=True))]
 
     def matrix_picture(self, panels: dict[str, dict[str, dict[str, float]]], suffix: str) -> bytes:
@@ -156,9 +153,9 @@ class CampaignCalculations:
         figure.savefig(buffer, format=suffix, dpi=PICTURE_DPI)
         return buffer.getvalue()
 
-    def residual_over(self, model: str, replay: str, trust: list[str], signal: str, variable: str) -> dict[str, Any]:
+    def residual_over(self, model: str, replay: str, signal: str, variable: str) -> dict[str, Any]:
         """The residual of a signal over a variable: points of each run, and the mean in bins of all runs together."""
-        comparison, _ = self.comparison(model, replay, trust)
+        comparison, _ = self.comparison(model, replay)
         runs = [compared for compared in comparison.runs if signal in compared.residuals]
         x = [self._variable(comparison, compared, variable) for compared in runs]
         y = [compared.residuals[signal] for compared in runs]
@@ -177,15 +174,14 @@ class CampaignCalculations:
             "bins": (0.5 * (edges[1:] + edges[:-1])[used], mean[used]),
         }
 
-    def try_effects(self, names: list[str], trust: list[str]) -> dict[str, Any]:
+    def try_effects(self, names: list[str]) -> dict[str, Any]:
         """Fit the model with effects, one after the other, write its configuration, and say what falls where.
 
         Args:
-            names: ids of effects, or FILE.py:Class, in the order in which they are added.
-            trust: files of the user that may run.
+            names: ids of effects, or FILE.py:Class of a file of the folder, in the order in which they are added.
         """
         campaign = self.checked()
-        kinds = [load_effect(name, trust=trust) for name in names]
+        kinds = [load_effect(name, self._workspace.folder, self._workspace.allowed) for name in names]
         chain: tuple[str, ...] = ()
         if chain not in self._chosen:
             self._chosen[chain] = calibrated_model(campaign, self._say)
@@ -202,15 +198,14 @@ class CampaignCalculations:
         self._workspace.save_tried(name, summary)
         return summary | {"name": name}
 
-    def law_curve(self, names: list[str], trust: list[str]) -> dict[str, Any]:
+    def law_curve(self, names: list[str]) -> dict[str, Any]:
         """The law of the last of some effects as a curve estimated from the runs, in the units in which it is shown.
 
         Args:
             names: the effects of a model that was tried.
-            trust: files of the user that may run.
         """
         if tuple(names) not in self._chosen:
-            self.try_effects(names, trust)
+            self.try_effects(names)
         model = self._chosen[tuple(names)]
         self._say(f"the law of {model.effects[-1].id} as a curve")
         found = estimate_law_curve(model.evaluated.fit, model.effects[-1].id, self._say)
@@ -235,7 +230,7 @@ class CampaignCalculations:
             self._chosen.clear()
         return self._campaign
 
-    def comparison(self, model: str, replay: str, trust: list[str]) -> tuple[Comparison, list[Pattern]]:
+    def comparison(self, model: str, replay: str) -> tuple[Comparison, list[Pattern]]:
         """The comparison of a model with the measurements, and the patterns of its residuals."""
         campaign, models = self.checked(), self._workspace.models()
         if model not in models:
@@ -243,7 +238,7 @@ class CampaignCalculations:
         path = models[model]
         key = model, replay, None if path is None else path.stat().st_mtime_ns
         if key not in self._comparisons:
-            machine = None if path is None else read_config(path, trust=trust).machine
+            machine = None if path is None else read_config(path, trust=self._workspace.allowed).machine
             campaign = campaign if path is None else with_values_of_runs(campaign, path)
             comparison = compare(campaign, machine, replay=Replay(replay), on_progress=self._say)
             while len(self._comparisons) >= KEPT_COMPARISONS:
@@ -252,10 +247,10 @@ class CampaignCalculations:
         return self._comparisons[key]
 
     def _compared_run(
-        self, models: list[str], replay: str, trust: list[str], run: str, signal: str
+        self, models: list[str], replay: str, run: str, signal: str
     ) -> dict[str, RunComparison]:
         """A run as each of some models has it, where it could be simulated and has the signal."""
-        of_models = {model: self.comparison(model, replay, trust)[0].runs for model in models}
+        of_models = {model: self.comparison(model, replay)[0].runs for model in models}
         found = {m: next((c for c in runs if c.run.name == run), None) for m, runs in of_models.items()}
         return {model: c for model, c in found.items() if c is not None and signal in c.residuals}
 
@@ -274,15 +269,8 @@ class CampaignCalculations:
     def _variable(self, comparison: Comparison, compared: RunComparison, variable: str) -> np.ndarray:
         if variable == "time":
             return compared.run.time
-        return self.shown(comparison.machine.signals[variable], compared.model[variable])
+        return comparison.machine.signals[variable].shown(compared.model[variable])
 
-    @staticmethod
-    def shown(about: Signal, values):
-        """Values of a signal in the unit in which it is shown."""
-        return from_si(values, about.unit, about.display_unit)
-
-    def _difference(self, about: Signal, value: float) -> float:
-        return float(self.shown(about, value) - self.shown(about, 0.0))
 
 
 def _prior(unknown: UnknownParameter) -> dict[str, Any]:

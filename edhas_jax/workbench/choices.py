@@ -7,7 +7,6 @@ from typing import Any
 import yaml
 
 from edhas_jax.config.yaml_with_lines import YamlError, parse_yaml
-from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.regular_file import read_regular_file
 from edhas_jax.workbench.workspace import CALIBRATED, CHOICES_FILE, MAX_YAML_BYTES, RESULTS, Workspace, WorkspaceError
 
@@ -65,16 +64,13 @@ class Choices:
 
     def write(self, data: Mapping[str, Any]) -> None:
         """Write choices; without any there is no file."""
-        path = self._workspace.inside(self.name)
         usual = {"parameters": {}, "windows": {}}  # an empty list of runs or signals is a choice, though a wrong one
         data = {key: value for key, value in data.items() if value is not None and value != usual.get(key)}
         if not data:
-            path.unlink(missing_ok=True)
+            self._workspace.inside(self.name).unlink(missing_ok=True)
             return
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as temporary:
-            text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, default_flow_style=None)
-            temporary.write_text(text, encoding="utf-8")
+        text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, default_flow_style=None)
+        self._workspace.write(self.name, text)
 
     def changed_after_fit(self) -> bool:
         """Whether something else was chosen after the last calibration."""

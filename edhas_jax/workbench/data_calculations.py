@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from edhas_jax.core import runtime
-from edhas_jax.core.units import UnitError, exact_quantity, from_si
-from edhas_jax.machine.interface.signals import Signal
+from edhas_jax.core.units import UnitError, exact_quantity
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
 from edhas_jax.measurements.campaign_reader import read_campaign
@@ -88,7 +87,7 @@ class DataCalculations:
         recorded = next((r for r in raw.runs if r.name == run), None)
         if recorded is None or signal not in recorded.signals:
             raise WorkspaceError(f"{run} has no {signal}")
-        values = self._shown(raw.machine.signals[signal], recorded.signals[signal])
+        values = raw.machine.signals[signal].shown(recorded.signals[signal])
         used = next((r for r in checked.runs if r.name == run), None)
         kept = used.signals.get(signal) if used is not None else None
         left_out = np.isfinite(values) if kept is None else np.isfinite(values) & ~np.isfinite(kept)
@@ -97,14 +96,13 @@ class DataCalculations:
         return {
             "x": recorded.time[index], "y": values[index], "unit": raw.machine.signals[signal].display_unit,
             "left_out": (recorded.time[bad], values[bad]),
-            "gaps": self._gaps(recorded), "whole": kept is None,
-            "limits": self._limits(values),
+            "gaps": self._gaps(recorded), "limits": self._limits(values),
         }  # fmt: skip
 
     def _campaigns(self) -> tuple[Campaign, Campaign]:
         """The campaign as read, and after the check."""
         self._workspace.require_files_inside()
-        key = self._workspace.mark()
+        key = self._workspace.campaign_mark()
         if self._records is None or self._records[0] != key:
             self._say("reading and checking the data")
             raw = read_campaign(self._workspace.folder)
@@ -125,10 +123,6 @@ class DataCalculations:
             return []
         ends = (float(valid.min()), float(valid.max()))
         return [end for end in ends if np.mean(valid == end) > 0.01 and ends[0] < ends[1]]
-
-    @staticmethod
-    def _shown(about: Signal, values: np.ndarray) -> np.ndarray:
-        return from_si(values, about.unit, about.display_unit)
 
 
 def _sine(table: Table, columns: list[GuessedColumn]) -> dict[str, Any] | None:

@@ -8,8 +8,8 @@ import numpy as np
 
 from edhas_jax.config.machine_config import Config, read_config
 from edhas_jax.config.writer import dump_config
-from edhas_jax.core.atomic_file import atomic_write
-from edhas_jax.core.units import display_unit, format_result, from_si
+from edhas_jax.core.plot_style import time_unit
+from edhas_jax.core.units import format_result
 from edhas_jax.design.batch.batch import runs_designs
 from edhas_jax.design.sweep.pareto_front import non_dominated
 from edhas_jax.design.sweep.run import open_sweep
@@ -18,6 +18,7 @@ from edhas_jax.machine.parameters import list_parameters, set_parameters, short_
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.simulation.metrics import RunTooShortError
 from edhas_jax.simulation.run import Simulation, simulate
+from edhas_jax.workbench.figure_parts import title_of
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS, Workspace, WorkspaceError
 
 AS_GIVEN_FILE = "as_given.yaml"
@@ -43,54 +44,47 @@ class DesignCalculations:
         campaign = read_campaign(self._workspace.folder)
         machine = campaign.machine_of(campaign.runs[0])
         name = Path(RESULTS, DESIGNS, AS_GIVEN_FILE)
-        path = self._workspace.inside(name)
-        path.parent.mkdir(parents=True, exist_ok=True)
         head = f"# the model of the campaign under the conditions of {campaign.runs[0].name}\n"
-        with atomic_write(path) as temporary:
-            temporary.write_text(head + dump_config(machine, Simulation()), encoding="utf-8")
+        self._workspace.write(name, head + dump_config(machine, Simulation()))
         return str(name)
 
-    def open(self, name: str, trust: list[str]) -> dict[str, Any]:
+    def open(self, name: str) -> dict[str, Any]:
         """The parameters of a configuration with their ranges, and the metrics that its runs have."""
-        config = self._read(name, trust)
-        machine, names = config.machine, short_names(config.machine)
+        machine = self._read(name).machine
+        names = short_names(machine)
         parameters = []
         for p, value, path in list_parameters(machine):
             value = float(value)
             low, high = p.plausible or sorted((value / SLIDER_FACTOR, value * SLIDER_FACTOR))
             low, high = max(min(low, value), p.span[0]), min(max(high, value), p.span[1])
-            shown = display_unit(p.unit, value) or "-"
             parameters.append({
-                "name": names[path, p.name], "value": value, "unit": p.unit, "shown": shown, "doc": p.doc,
-                "owner": path, "range": (low, high) if high > low else None,
+                "name": names[path, p.name], "value": value, "unit": p.unit, "doc": p.doc,
+                "range": (low, high) if high > low else None,
             })  # fmt: skip
         return {
-            "name": config.name or config.path.stem, "rig": machine.name, "parameters": parameters,
-            "effects": [effect.id for effect in machine.effects],
-            "sweepable": runs_designs(machine),
+            "parameters": parameters, "sweepable": runs_designs(machine),
             "metrics": in_order(metrics_of_batch(machine), lambda name: machine.metrics[name].rank),
         }  # fmt: skip
 
-    def simulate(self, name: str, trust: list[str], values: Mapping[str, float]) -> dict[str, Any]:
+    def simulate(self, name: str, values: Mapping[str, float]) -> dict[str, Any]:
         """Run a machine with some parameters changed: its last cycle, its leading metrics, its status.
 
         Args:
             name: the configuration below the folder.
-            trust: files of the user that may run.
             values: changed parameters by name (SI).
         """
-        config = self._read(name, trust)
+        config = self._read(name)
         machine = set_parameters(config.machine, dict(values))
         run, declared = simulate(machine, config.simulation), machine.metrics
         time = run.signals["time"]
         is_cycle = machine.cycle is not None
         first = time[-1] - CYCLES_SHOWN / float(machine.reference.frequency) if is_cycle else 0.0
         inside = time >= max(first, 0.0) - 1e-12
+        factor, unit = time_unit(float(time[-1] - max(first, 0.0)))
         signals = {
-            n: from_si(v[inside], machine.signals[n].unit, machine.signals[n].display_unit)
-            for n, v in run.signals.items()
-            if n in machine.signals and n != "time"
-        }
+            n: machine.signals[n].shown(v[inside])
+            for n, v in run.signals.items() if n in machine.signals and n != "time"
+        }  # fmt: skip
         try:
             found = run.metrics
             leading = [n for n in in_order(found, lambda n: declared[n].rank) if declared[n].rank]
@@ -98,9 +92,10 @@ class DesignCalculations:
         except RunTooShortError:
             metrics = {}
         return {
-            "time": 1e3 * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
+            "time": factor * (time[inside] - time[inside][0]), "signals": signals, "metrics": metrics,
+            "time_title": title_of("time within the last cycle" if is_cycle else "time", unit),
             "units": {n: machine.signals[n].display_unit for n in signals},
-            "status": run.status.name.lower(), "reason": run.reason, "valid": run.valid, "step": run.step_note,
+            "status": run.status.name.lower(), "reason": run.reason, "step": run.step_note,
         }  # fmt: skip
 
     def sweep(self, folder: str) -> dict[str, Any]:
@@ -112,7 +107,7 @@ class DesignCalculations:
             "shown": {n: result.shown(n) for n in columns},
             "si": {n: result.frame[n].to_numpy(float) for n in result.parameters},
             "units": {n: result.fields[n][1] for n in columns},
-            "status": list(result.frame["status"]), "done": result.done,
+            "status": list(result.frame["status"]),
         }  # fmt: skip
 
     def pareto_front(self, folder: str, first: str, second: str, signs: tuple[float, float]) -> np.ndarray:
@@ -124,9 +119,9 @@ class DesignCalculations:
             raise WorkspaceError("every design has failed")
         return good[non_dominated(x[good], y[good])]
 
-    def _read(self, name: str, trust: list[str]) -> Config:
+    def _read(self, name: str) -> Config:
         path = self._workspace.inside(name)
-        key = str(path), path.stat().st_mtime_ns if path.is_file() else 0, tuple(trust)
+        key = str(path), path.stat().st_mtime_ns if path.is_file() else 0, tuple(self._workspace.allowed)
         if self._config is None or self._config[0] != key:
-            self._config = key, read_config(path, trust=trust)
+            self._config = key, read_config(path, trust=self._workspace.allowed)
         return self._config[1]

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.core.chart import Chart
-from edhas_jax.core.units import format_quantity
+from edhas_jax.core.units import display_unit, format_quantity, from_si
 from edhas_jax.diagnosis.report.calibration_figures import profile_chart
 from edhas_jax.inference.fit.chosen_fit import fit_with_choices
 from edhas_jax.inference.fit.fit import Fit
@@ -87,13 +86,17 @@ class FitCalculations:
         rows = {}
         for name, row in (("measured", record), ("model", predicted)):
             index = thinned(time, row, -np.inf, np.inf, width)
-            rows[name] = {"x": time[index], "y": self._of_campaign.shown(about, row[index])}
+            rows[name] = {"x": time[index], "y": about.shown(row[index])}
         residual = (record - predicted) / given.channels[signal].noise
         over_noise = float(np.sqrt(np.nanmean(np.square(residual)))) if np.isfinite(residual).any() else np.inf
         return rows | {"unit": about.display_unit, "over_noise": over_noise}
 
-    def profile(self, name: str) -> Chart:
-        """χ² along a parameter of the finished fit, all others fitted anew, in the unit in which it is shown."""
+    def profile(self, name: str) -> dict[str, Any]:
+        """χ² along a parameter of the finished fit, all others fitted anew.
+
+        Returns:
+            `chart`; `unit` of the parameter in it; `interval` of 95 % in that unit.
+        """
         fit = self._finished()
         names = [u.name for u in fit.problem.unknowns]
         if name not in names:
@@ -102,18 +105,20 @@ class FitCalculations:
         if name in fit.at_limit and not is_in_order:
             raise WorkspaceError(f"{name} is at its {fit.at_limit[name]} limit, where χ² has no minimum to go up from")
         found = profile_likelihood(fit, name, lambda step: self._say(f"profile of {name}, {step}"))
-        return profile_chart(fit, found)
+        unit = next(u.unit for u in fit.problem.unknowns if u.name == name)
+        shown = display_unit(unit, float(np.median(found.values)))
+        interval = [float(from_si(end, unit, shown)) for end in found.interval()]
+        return {"chart": profile_chart(fit, found), "unit": shown, "interval": interval}
 
-    def autocorrelation(self, model: str, trust: list[str], run: str, signal: str) -> dict[str, Any] | None:
+    def autocorrelation(self, model: str, run: str, signal: str) -> dict[str, Any] | None:
         """The autocorrelation of the residual of a signal; None where the run does not have it.
 
         Args:
             model: name of the model.
-            trust: files of the user that may run.
             run: the run.
             signal: the signal.
         """
-        comparison, _ = self._of_campaign.comparison(model, "set_point", trust)
+        comparison, _ = self._of_campaign.comparison(model, "set_point")
         compared = next((c for c in comparison.runs if c.run.name == run and signal in c.residuals), None)
         if compared is None:
             return None

@@ -1,6 +1,7 @@
 """The keys of the page: which one does what, and the dialog that lists them."""
 
-from nicegui import ui
+from edhas_jax.workbench.views.elements import Button, Quiet, dialog
+from edhas_jax.workbench.views.table import show_table
 
 NEXT_RUN, PREVIOUS_RUN, NEXT_SIGNAL, PREVIOUS_SIGNAL, HELP = "n", "p", "s", "S", "?"
 KEYS = {
@@ -15,18 +16,10 @@ MOUSE = "In a plot: drag to zoom, click twice to go back. Every view, run and si
 
 def show_keys(page) -> None:
     """Show the list of keys."""
-    with page.floor, ui.dialog().props("aria-label='Keys'") as dialog, ui.card().props("data-mark=keys"):
-        ui.label("Keys").classes("text-base font-semibold")
-        with ui.element("table").classes("wb-table"):
-            for key, what in KEYS.items():
-                with ui.element("tr"):
-                    for text in (key, what):
-                        with ui.element("td"):
-                            ui.label(text)
-        ui.label(MOUSE).classes("wb-quiet")
-        ui.button("Close", on_click=dialog.close).props("flat no-caps")
-    dialog.on("hide", dialog.delete)
-    dialog.open()
+    with dialog(page, "Keys", "keys") as shown:
+        show_table(("key", "what it does"), KEYS.items())
+        Quiet(MOUSE)
+        Button("Close", on_click=shown.close)
 
 
 def neighbour(names: list[str], name: str, step: int) -> str:

@@ -22,6 +22,7 @@ from edhas_jax.workbench.views.compare import CompareView
 from edhas_jax.workbench.views.data import DataView
 from edhas_jax.workbench.views.design import DesignView
 from edhas_jax.workbench.views.diagnose import DiagnoseView
+from edhas_jax.workbench.views.elements import Button, bullets, dialog
 from edhas_jax.workbench.views.machine import MachineView
 from edhas_jax.workbench.views.overview import OverviewView
 from edhas_jax.workbench.views.report import ReportView
@@ -76,9 +77,8 @@ class Page:
         self._places: dict[str, Any] = {}
         self._is_ready, self._changed = False, ()
         self._errors_shown: Any = None
-        self._mark: tuple = ()
-        self._begun: set[str] = set()  # views whose building has begun, and those that are built
-        self._built: set[str] = set()
+        self._marks: tuple = ((), ())  # of the campaign and of the results that are shown
+        self._built: set[str] = set()  # of the views, which begin to be built when they are first opened
         self.problems: list[str] = []
         self.readings = 0
         self.place, self.shown = Place(), ("", "")
@@ -108,9 +108,9 @@ class Page:
         self._notice.set_visibility(False)
         self._verdict = Verdict(lambda: self.go(view=WHOLE_VERDICT))
         with ui.tab_panels(self._tabs, animated=False, keep_alive=False).classes("w-full wb-panels"):
-            for name, (view, _, _) in VIEWS.items():
-                with ui.tab_panel(name), ui.column().classes("w-full gap-2") as place:
-                    self._views[name], self._places[name] = view(self), place
+            for name in VIEWS:
+                with ui.tab_panel(name):
+                    self._places[name] = ui.column().classes("w-full gap-2")
         with ui.footer().classes("wb-footer"), ui.row().classes("w-full items-center no-wrap gap-2"):
             ui.icon("terminal")
             self._command = ui.label("").classes("wb-code ellipsis").props("data-mark=command")
@@ -124,10 +124,11 @@ class Page:
         found = await ui.run_javascript(START, timeout=PATIENCE)
         self.dark = found["dark"]
         mode.set_value(self.dark)
+        marks = self._read_marks()
         await self.read_campaign()
-        self._mark = self.workspace.mark()
+        self._marks = marks
         self._is_ready = True
-        if self._tabs.value in self._views:  # one was clicked meanwhile
+        if self._tabs.value in VIEWS:  # one was clicked meanwhile
             await self._open(self._tabs.value)
         else:
             await self._arrive(found["address"] or self.workspace.packed_place())
@@ -164,6 +165,19 @@ class Page:
             self.say("")
         return None
 
+    @property
+    def missing(self) -> list[str]:
+        """Why there is no campaign to look at; empty where there is one."""
+        if self.summary is not None:
+            return []
+        return self.problems or ["There is no campaign in this folder yet. Begin in the view “Data”."]
+
+    def has_campaign(self) -> bool:
+        """Whether there is a campaign to work on; the user is told if not."""
+        if self.missing:
+            self.tell("\n".join(self.missing))
+        return not self.missing
+
     def attempt(self, action: Callable[[], Any]) -> Any:
         """The result of an action on the folder; None where it was refused, which the user was told."""
         try:
@@ -175,17 +189,11 @@ class Page:
     def tell(self, text: str) -> None:
         """Show what is wrong, every problem in a line of its own, until it is closed."""
         lines = text.splitlines() or ["unknown"]
-        with self.floor, ui.dialog().props("aria-label='What is wrong'") as dialog, ui.card().classes("wb-problems"):
-            ui.label("This does not work yet").classes("text-base font-semibold")
-            with ui.element("ul").classes("wb-list"):
-                for line in lines[:MAX_LISTED_PROBLEMS]:
-                    with ui.element("li"):
-                        ui.label(line)
+        with dialog(self, "This does not work yet", is_wide=True) as told:
+            bullets(lines[:MAX_LISTED_PROBLEMS])
             if len(lines) > MAX_LISTED_PROBLEMS:
                 ui.label(f"and {len(lines) - MAX_LISTED_PROBLEMS} more")
-            ui.button("Close", on_click=dialog.close).props("flat no-caps")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            Button("Close", on_click=told.close)
 
     def note(self, text: str) -> None:
         """Show a sentence for a few seconds."""
@@ -278,7 +286,7 @@ class Page:
         self.dark = not self.dark
         mode.set_value(self.dark)
         for name in self._built:
-            await self._views[name].redraw()
+            await self._views[name].refresh()
 
     async def _arrive(self, address: str) -> None:
         """Go where an address says; a campaign opens with the overview."""
@@ -317,8 +325,8 @@ class Page:
         self._show_command()
         if name in self._built:
             await self._views[name].refresh()
-        elif name in self._views and name not in self._begun:
-            self._begun.add(name)
+        elif name in VIEWS and name not in self._views:
+            self._views[name] = VIEWS[name][0](self)
             with self._places[name]:
                 await self._views[name].build()
             self._built.add(name)
@@ -329,10 +337,10 @@ class Page:
         if any(job.status == RUNNING for job in self.session.jobs.all()):
             for name in self._built.intersection(IN_PROGRESS):
                 await self._views[name].show_progress()
-        mark = self.workspace.mark()
-        if mark == self._mark or self.session.calculator.busy_with:
+        marks = self._read_marks()
+        if marks == self._marks or self.session.calculator.busy_with:
             return
-        if next(iter(mark), None) != next(iter(self._mark), None):
+        if marks[0] != self._marks[0]:
             await self.read_campaign()
         failed = None
         for name in tuple(self._built):
@@ -342,4 +350,7 @@ class Page:
                 failed = error
         if failed is not None:
             raise failed
-        self._mark = mark
+        self._marks = marks
+
+    def _read_marks(self) -> tuple[tuple, tuple]:
+        return self.workspace.campaign_mark(), self.workspace.results_mark()

@@ -29,8 +29,7 @@ RECONNECT = 30.0  # s, that a page waits for a busy server
 
 
 def serve(
-    workspace: Workspace, port: int = 0, show: bool = True, say: Callable[[str], None] = print,
-    token: str | None = None,
+    workspace: Workspace, port: int = 0, show: bool = True, say: Callable[[str], None] = print
 ) -> None:  # fmt: skip
     """Serve the page until Ctrl-C.
 
@@ -39,12 +38,11 @@ def serve(
         port: to listen on; 0 for any free one.
         show: whether the browser is opened.
         say: called with the address.
-        token: that the address must contain; a new one by default.
 
     Raises:
         WorkspaceError: the port is taken.
     """
-    token = token or secrets.token_urlsafe(24)
+    token = secrets.token_urlsafe(24)
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -1,20 +1,12 @@
 """What all windows of one workbench share: the folder, the calculating process, the jobs, the code that may run."""
 
-import dataclasses
 import json
 import shlex
 
 from edhas_jax.workbench.calculator import Calculator
 from edhas_jax.workbench.choices import Choices
 from edhas_jax.workbench.jobs import Job, JobList
-from edhas_jax.workbench.workspace import (
-    CALIBRATED,
-    DIAGNOSED,
-    RESULTS,
-    TRIED,
-    Decisions,
-    Workspace,
-)
+from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, RESULTS, TRIED, Decisions, Workspace
 
 
 class Session:
@@ -27,15 +19,13 @@ class Session:
         calculator: answers the questions of all windows.
         jobs: the long commands.
         choices: what is chosen for the next calibration.
-        allowed: effects of files that a click has allowed to run, as FILE.py:Class; forgotten when the server ends.
     """
 
     def __init__(self, workspace: Workspace):
         self.workspace = workspace
-        self.calculator = Calculator(workspace.folder)
+        self.calculator = Calculator(workspace.folder, workspace.allowed)
         self.jobs = JobList(workspace)
         self.choices = Choices(workspace)
-        self.allowed: list[str] = []
 
     def calibrate(self) -> Job:
         """Start `edhas fit` with the choices of the folder."""
@@ -70,17 +60,15 @@ class Session:
         """Start `edhas diagnose`; the same command goes on from finished fits."""
         out = self._out(DIAGNOSED)
         arguments = ["diagnose", str(self.workspace.shown), "--out", out, "--overwrite"]
-        for spec in self.allowed:
+        allowed = self.workspace.allowed
+        for spec in allowed:
             arguments += ["--effect", spec]
-        effects = f", {self.allowed}" if self.allowed else ""
+        effects = f", {allowed}" if allowed else ""
         return self._start("diagnose", arguments, f'edhas.diagnose("{self.workspace.shown}"{effects}).save("{out}")')
 
     def report_comparison(self, model: str) -> Job:
         """Start `edhas compare`, which writes the report of a comparison."""
-        path = self.workspace.models()[model]
-        arguments = ["compare", str(self.workspace.shown), "--out", self._out("compared"), "--overwrite"]
-        if path is not None:
-            arguments += ["--model", str(self.workspace.shown / path.relative_to(self.workspace.folder))]
+        arguments = [*self._compare_arguments(model), "--out", self._out("compared"), "--overwrite"]
         return self._start("report the comparison", arguments, self.python_compare(model))
 
     def run_design_task(self, command: str, file: str, out: str) -> Job:
@@ -93,52 +81,38 @@ class Session:
 
     def command_compare(self, model: str, replay: str = "set_point") -> str:
         """The command that compares a model with the measurements."""
-        path = self.workspace.models().get(model)
-        words = ["edhas", "compare", str(self.workspace.shown)]
-        if path is not None:
-            words += ["--model", str(self.workspace.shown / path.relative_to(self.workspace.folder))]
-        return shlex.join(words + ([] if replay == "set_point" else ["--replay", replay]))
+        replays = [] if replay == "set_point" else ["--replay", replay]
+        return shlex.join(["edhas", *self._compare_arguments(model), *replays])
 
     def python_compare(self, model: str) -> str:
         """The Python line that does the same."""
-        path = self.workspace.models().get(model)
-        if path is None:
-            return f'comparison = edhas.compare("{self.workspace.shown}")'
-        shown = self.workspace.shown / path.relative_to(self.workspace.folder)
-        return f'comparison = edhas.compare("{self.workspace.shown}", "{shown}")'
+        words = ", ".join(f'"{word}"' for word in self._compare_arguments(model)[1:] if word != "--model")
+        return f"comparison = edhas.compare({words})"
+
+    def _compare_arguments(self, model: str) -> list[str]:
+        path, shown = self.workspace.models().get(model), self.workspace.shown
+        file = [] if path is None else ["--model", str(shown / path.relative_to(self.workspace.folder))]
+        return ["compare", str(shown), *file]
 
     def command_try(self, names: list[str]) -> str:
-        """The command that fits the model with effects."""
+        """The command that fits the model with effects; files are those of the folder."""
         out = self.workspace.shown / RESULTS / TRIED / '+'.join(n.rpartition(':')[2] for n in names)
-        return shlex.join(["edhas", "add", str(self.workspace.shown), *names, "--out", str(out)])
+        return shlex.join(["edhas", "add", str(self.workspace.shown), *self._from_here(names), "--out", str(out)])
 
     def python_try(self, names: list[str]) -> str:
         """The Python lines that do the same."""
-        return f'added = edhas.add("{self.workspace.shown}", {json.dumps(names)})'
+        return f'added = edhas.add("{self.workspace.shown}", {json.dumps(self._from_here(names))})'
 
-    def add(self, name: str) -> None:
-        """Keep an effect in the model."""
-        old = self.workspace.decisions()
-        added = (*(n for n in old.added if n != name), name)
-        rejected = {n: reason for n, reason in old.rejected.items() if n != name}
-        self.workspace.decide(Decisions(added, rejected))
+    def _from_here(self, names: list[str]) -> list[str]:
+        """The names of effects as a command of the working folder has them."""
+        return [str(self.workspace.shown / name) if ":" in name else name for name in names]
 
-    def remove(self, name: str) -> None:
-        """Take an effect out of the model again."""
+    def decide(self, name: str, is_added: bool = False, reason: str | None = None) -> None:
+        """Add a suspect to the model, or reject it for a reason; otherwise it is neither in the model nor rejected."""
         old = self.workspace.decisions()
-        self.workspace.decide(dataclasses.replace(old, added=tuple(n for n in old.added if n != name)))
-
-    def reject(self, name: str, reason: str) -> None:
-        """Set a suspect aside, with the reason."""
-        old = self.workspace.decisions()
-        added = tuple(n for n in old.added if n != name)
-        self.workspace.decide(Decisions(added, {**old.rejected, name: reason}))
-
-    def reconsider(self, name: str) -> None:
-        """Take back a rejection."""
-        old = self.workspace.decisions()
-        rejected = {n: reason for n, reason in old.rejected.items() if n != name}
-        self.workspace.decide(dataclasses.replace(old, rejected=rejected))
+        added = [n for n in old.added if n != name] + [name] * is_added
+        rejected = {n: why for n, why in old.rejected.items() if n != name}
+        self.workspace.decide(Decisions(tuple(added), rejected if reason is None else rejected | {name: reason}))
 
     def allow(self, spec: str) -> None:
         """Let an effect of a file run until the workbench ends.
@@ -147,12 +121,14 @@ class Session:
             WorkspaceError: the file lies outside the folder.
         """
         source, _, name = spec.rpartition(":")
-        spec = f"{self.workspace.inside(source)}:{name}"
-        if spec not in self.allowed:
-            self.allowed.append(spec)
+        file = self.workspace.inside(source).relative_to(self.workspace.folder)
+        spec = f"{self.workspace.shown / file}:{name}"
+        if spec not in self.workspace.allowed:
+            self.workspace.allowed.append(spec)
 
     def _start(self, title: str, arguments: list[str], python: str) -> Job:
-        self.workspace.require_files_inside() if title in ("calibrate", "diagnose") else None
+        if title in ("calibrate", "diagnose"):
+            self.workspace.require_files_inside()
         job = self.jobs.start(title, arguments)
         self.workspace.add_step(title, job.command, python)
         return job

@@ -111,13 +111,21 @@ def _chain_names(added: tuple[str, ...]) -> list[str]:
 def _stages(
     diagnosis: Mapping[str, Any] | None, fit: Mapping[str, Any] | None, chain: list[dict[str, Any]]
 ) -> tuple[dict[str, dict[str, float]], frozenset[str]]:
-    """Residual over noise by stage and use, and the stages in which the bench is corrected."""
+    """Residual over noise by stage and use, and the stages in which the bench is corrected.
+
+    Without a run that is held out, a diagnosis holds out a part of each, but a trial fits all of it: then only the
+    calibration, which does so too, has errors to set beside those of trials.
+    """
+    if chain and chain[-1]["error"].get("holdout") is None:
+        diagnosis = None
     errors = (diagnosis or fit or {}).get("error", {})
     rows = {AS_GIVEN: errors.get("before"), "calibrated": errors.get("calibrated")}
     stages = {name: {use: v.get("overall") for use, v in row.items()} for name, row in rows.items() if row}
     corrected = {"calibrated"} if (diagnosis or {}).get("bench_corrected") else set()
+    if chain and "calibrated" not in stages:
+        stages["calibrated"] = chain[0]["before"]["error"]
+        corrected |= {"calibrated"} if chain[0]["before"].get("bench_corrected") else set()
     for row in chain:
-        stages.setdefault("calibrated", row["before"]["error"])
         name = f"+ {row['effects'][-1]}"
         stages[name] = row["error"]
         corrected |= {name} if row.get("bench_corrected") else set()

@@ -53,6 +53,7 @@ ol.wb-list { list-style: decimal } ol.wb-list li > * { vertical-align: top }
 @media (max-width: 860px) { .wb-two, .wb-glance, .wb-split { grid-template-columns: minmax(0, 1fr) }
   .wb-tabs .q-tab { padding: 0 10px } .wb-tabs .q-tab__icon { display: none } .wb-tabs .q-tab { min-height: 38px }
   .wb-panels .q-tab-panel { padding: 10px !important } .wb-band { padding: 8px 10px 0 }
+  .wb-paper { overflow-x: auto } .wb-paper svg { min-width: 620px }
   .wb-title { flex-wrap: wrap } .wb-errors { order: 9; width: 100%; margin-left: 0 } .wb-busy { max-width: 30vw } }
 .wb-h { font-size: 16px; font-weight: 600; margin-top: 4px }
 .wb-chip { font-size: 12px; border-radius: 10px; padding: 1px 9px; background: rgba(128,128,128,.18) }
@@ -74,6 +75,7 @@ ol.wb-list { list-style: decimal } ol.wb-list li > * { vertical-align: top }
   font-size: 15px; line-height: 1.45 }
 .wb-paper { background: #fff; border-radius: 10px; padding: 8px; max-width: 750px; width: 100% }
 .wb-paper [data-part] { cursor: pointer } .wb-paper :is(line, path) { pointer-events: none }
+.wb-wrap { min-width: 0; overflow-wrap: anywhere }
 .wb-log { max-height: 230px; overflow: auto; font-size: 13px; width: 100% }
 .wb-report { width: 100%; height: 75vh; border: 1px solid rgba(128,128,128,.35); border-radius: 8px; background: #fff }
 .body--dark .wb-report { background: #121212 }

@@ -4,6 +4,7 @@ Everything that the page shows comes from here, so that a second window and a re
 """
 
 import dataclasses
+import functools
 import hashlib
 import io
 import json
@@ -12,7 +13,7 @@ import shlex
 import shutil
 import time
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from edhas_jax.config.yaml_with_lines import YamlError, parse_yaml
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.regular_file import read_regular_file
+from edhas_jax.core.trusted_code import trusted_list
 
 CAMPAIGN_FILE = "campaign.yaml"
 RESULTS = "workbench"  # folder of everything that the workbench writes, besides the campaign itself
@@ -74,11 +76,15 @@ class Workspace:
     Args:
         folder: the folder; nothing outside it is read or written.
         config: a configuration below it, where the workbench was opened on one.
+
+    Attributes:
+        allowed: effects of files that a click has allowed to run, as FILE.py:Class; forgotten when the server ends.
     """
 
     def __init__(self, folder: Path, config: Path | None = None):
         self.folder = Path(os.path.realpath(folder))
         self.shown = folder  # as the user has written it, for commands
+        self.allowed: list[str] = []
         self.config = None if config is None else self.inside(config.name)
         self._hashes: dict[Path, tuple[tuple[int, int], str]] = {}
 
@@ -130,18 +136,22 @@ class Workspace:
 
     def inputs(self) -> dict[str, str]:
         """The files of the campaign, `campaign.yaml` first and then what it names, with a hash of each."""
+        return {str(path.relative_to(self.folder)): self._hash(path) for path in self._input_files()}
+
+    def _input_files(self) -> list[Path]:
+        """The files of the campaign that are there, each once."""
         try:
-            data = parse_yaml(read_regular_file(self.campaign_file, MAX_YAML_BYTES).decode("utf-8"))[0]
-        except (OSError, UnicodeDecodeError, YamlError):
-            data = None
-        found = {}
-        for name in (CAMPAIGN_FILE, *_texts(data)):
+            names = _texts_of(read_regular_file(self.campaign_file, MAX_YAML_BYTES))
+        except OSError:
+            names = ()
+        found = []
+        for name in (CAMPAIGN_FILE, *names):
             try:
                 path = self.inside(name.partition(".py:")[0] + ".py" if ".py:" in name else name)
-                found[str(path.relative_to(self.folder))] = self._hash(path)
+                found += [path] if path.is_file() and os.access(path, os.R_OK) else []
             except (OSError, ValueError):  # a text that is no file of the folder
                 continue
-        return found
+        return list(dict.fromkeys(found))
 
     def changed_inputs(self, before: Mapping[str, str]) -> list[str]:
         """The files of the campaign that differ from those with earlier hashes; none where there are no such hashes."""
@@ -152,12 +162,10 @@ class Workspace:
 
     def inputs_after(self, time: float) -> list[str]:
         """The files of the campaign that were written after a time [s since 1970]."""
-        return [name for name in self.inputs() if self.inside(name).stat().st_mtime > time]
+        return [str(path.relative_to(self.folder)) for path in self._input_files() if path.stat().st_mtime > time]
 
     def _hash(self, path: Path) -> str:
         """A hash of a file, computed again when it was written again."""
-        if not path.is_file():
-            raise FileNotFoundError(path)
         state = path.stat()
         mark = state.st_mtime_ns, state.st_size
         if self._hashes.get(path, (None, ""))[0] != mark:
@@ -287,17 +295,13 @@ class Workspace:
         except (OSError, ValueError):
             return ""
 
-    def mark(self) -> tuple:
-        """Changes as soon as a file changes that the page shows."""
-        watched = [self.campaign_file, *self._watched_results()]
-        rows = []
-        for path in watched:
-            try:
-                state = path.stat()
-            except OSError:
-                continue
-            rows.append((path.name, state.st_mtime_ns, state.st_size))
-        return tuple(rows)
+    def campaign_mark(self) -> tuple:
+        """Changes as soon as a file of the campaign changes, or which code may run."""
+        return _states([*self._input_files(), *filter(None, [trusted_list()])])
+
+    def results_mark(self) -> tuple:
+        """Changes as soon as a result or a decision changes that the page shows."""
+        return _states(self._watched_results())
 
     def _watched_results(self) -> Iterator[Path]:
         for name in (CALIBRATED, DIAGNOSED, TRIED, JOBS):
@@ -313,10 +317,14 @@ class Workspace:
         return data if isinstance(data, dict) else None
 
     def _write_json(self, name: Path, data: Mapping[str, Any]) -> None:
+        self.write(name, json.dumps(data, indent=1, ensure_ascii=False))
+
+    def write(self, name: str | Path, text: str) -> None:
+        """Write a file below the folder, whole or not at all."""
         path = self.inside(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as temporary:
-            temporary.write_text(json.dumps(data, indent=1, ensure_ascii=False), encoding="utf-8")
+            temporary.write_text(text, encoding="utf-8")
 
 
 def open_workspace(path: Path) -> Workspace:
@@ -345,6 +353,27 @@ def _named_files(data: Any) -> Iterator[str]:
     elif isinstance(data, list):
         for value in data:
             yield from _named_files(value)
+
+
+def _states(paths: Iterable[Path]) -> tuple:
+    """Name, time and size of the files that are there."""
+    rows = []
+    for path in paths:
+        try:
+            state = path.stat()
+        except OSError:
+            continue
+        rows.append((path.name, state.st_mtime_ns, state.st_size))
+    return tuple(rows)
+
+
+@functools.lru_cache(maxsize=1)  # the page looks every second
+def _texts_of(content: bytes) -> tuple[str, ...]:
+    """Every text in the content of a YAML file; none where it cannot be read."""
+    try:
+        return tuple(_texts(parse_yaml(content.decode("utf-8"))[0]))
+    except (UnicodeDecodeError, YamlError):
+        return ()
 
 
 def _texts(data: Any) -> Iterator[str]:

@@ -12,13 +12,13 @@ def test_an_answer_that_nobody_waits_for_is_passed_over(campaign_folder):
     calculator = Calculator(campaign_folder)
 
     async def questions():
-        given_up = asyncio.create_task(calculator.call("campaign.compare", "as given", "set_point", []))
+        given_up = asyncio.create_task(calculator.call("campaign.compare", "as given", "set_point"))
         while not calculator.busy_with:
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.1)
         given_up.cancel()
         opened, compared = await asyncio.gather(
-            calculator.call("campaign.open"), calculator.call("campaign.compare", "as given", "set_point", [])
+            calculator.call("campaign.open"), calculator.call("campaign.compare", "as given", "set_point")
         )
         return given_up.cancelled(), opened, compared
 
@@ -35,7 +35,7 @@ def test_a_calculation_that_is_cancelled_says_so_and_the_next_one_is_answered(ca
     calculator = Calculator(campaign_folder)
 
     async def questions():
-        cancelled = asyncio.create_task(calculator.call("campaign.compare", "as given", "set_point", []))
+        cancelled = asyncio.create_task(calculator.call("campaign.compare", "as given", "set_point"))
         while not calculator.busy_with:
             await asyncio.sleep(0.01)
         calculator.cancel()

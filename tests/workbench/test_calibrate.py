@@ -246,6 +246,8 @@ def test_correlations_region_profile_and_autocorrelation(calibrated_folder, work
     assert up.min() == pytest.approx(0.0, abs=0.05) and x[up.argmin()] == pytest.approx(rows[0]["value"], rel=1e-3)
     assert up[0] > 4.0 and up[-1] > 4.0
     assert "--profile mover_damping" in mark(page, "command").inner_text()
+    interval = r"mover damping: [\d.]+ to [\d.]+ N·?s/m with 95 % by the profile of χ²\."
+    assert re.fullmatch(interval, mark(page, "confidence-note").inner_text())
 
     title = mark(page, "residual-title")
     assert title.inner_text() == "Autocorrelation of the residual of voltage, run1, calibrated"

@@ -103,11 +103,11 @@ def test_the_calculating_process_compares_and_tries(campaign_folder):
     async def ask():
         calculator = Calculator(campaign_folder)
         try:
-            compared = await calculator.call("campaign.compare", "as given", "set_point", [])
-            tried = await calculator.call("campaign.try_effects", ["inverter_dead_time"], [])
-            again = await calculator.call("campaign.compare", "with inverter_dead_time", "set_point", [])
+            compared = await calculator.call("campaign.compare", "as given", "set_point")
+            tried = await calculator.call("campaign.try_effects", ["inverter_dead_time"])
+            again = await calculator.call("campaign.compare", "with inverter_dead_time", "set_point")
             with pytest.raises(CalculationError, match="no effect `nothing`"):
-                await calculator.call("campaign.try_effects", ["nothing"], [])
+                await calculator.call("campaign.try_effects", ["nothing"])
             (campaign_folder / "campaign.yaml").write_text("rig: [")
             with pytest.raises(CalculationError, match="campaign.yaml"):
                 await calculator.call("campaign.open")
@@ -130,9 +130,48 @@ def test_code_that_decisions_of_a_stranger_name_does_not_run(campaign_folder):
         calculator = Calculator(campaign_folder)
         try:
             with pytest.raises(CalculationError, match="was not allowed to run"):
-                await calculator.call("campaign.try_effects", [f"{campaign_folder}/evil.py:Evil", "coil_heating"], [])
+                await calculator.call("campaign.try_effects", [f"{campaign_folder}/evil.py:Evil", "coil_heating"])
         finally:
             calculator.stop()
 
     asyncio.run(ask())
     assert not (campaign_folder / "it-ran").exists()
+
+
+def test_a_figure_that_comes_after_its_place_is_gone_leaves_nothing_in_memory():
+    nicegui = pytest.importorskip("nicegui", reason="no nicegui: pip install 'edhas_jax[workbench]'")
+    from edhas_jax.workbench.views.plot import Plot
+
+    async def show():
+        client = nicegui.Client(nicegui.ui.page("/plot"))
+        with client:
+            with nicegui.ui.column() as view:
+                plot = Plot("plot")
+            figure = {"data": [], "layout": {"height": 100.0}}
+            plot.show(figure)
+            assert plot.element is not None
+            view.clear()
+            with view:
+                late = Plot("plot")
+            view.clear()
+            count = len(client.elements)
+            for gone in (plot, late):
+                gone.show(figure)
+            assert len(client.elements) == count
+
+    asyncio.run(show())
+
+
+def test_a_list_that_would_be_the_same_is_not_sent_again():
+    nicegui = pytest.importorskip("nicegui", reason="no nicegui: pip install 'edhas_jax[workbench]'")
+    from edhas_jax.workbench.views.elements import Choice
+
+    async def follow():
+        with nicegui.Client(nicegui.ui.page("/choice")):
+            choice, sent = Choice(["a", "b"], value="a"), []
+        choice.set_options = lambda options, value: sent.append((options, value))
+        assert choice.follow(["a", "b"], "gone", "a") == "a" and not sent  # what is typed in it stays
+        assert choice.follow(["a", "c"], "b", "c") == "c" and choice.follow(["d"], "b") is None
+        assert sent == [(["a", "c"], "c"), (["d"], None)]
+
+    asyncio.run(follow())

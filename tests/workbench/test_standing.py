@@ -185,3 +185,15 @@ def test_an_effect_that_was_tried_on_other_inputs_says_so(workspace):
     assert now(workspace).changed == (
         "The model with eddy_drag was fitted before campaign.yaml changed: try it again.",
     )
+
+
+def test_where_no_run_is_held_out_a_trial_is_judged_beside_a_calibration_of_the_same_samples(workspace):
+    write(workspace, DIAGNOSED, diagnosis(verdict="unknown_effect", effects=[]))  # it has held out a part of each run
+    of_all = {stage: {"fit": {"overall": value}} for stage, value in (("before", 25.0), ("calibrated", 11.0))}
+    write(workspace, CALIBRATED, {"error": of_all})
+    workspace.save_tried("supply_sag", tried("supply_sag", error=(1.7, None), before=(10.9, None)))
+    workspace.decide(Decisions(added=("supply_sag",)))
+    found = now(workspace)
+    assert found.use == "fit" and [found.judged(stage) for stage in found.stages] == [25.0, 11.0, 1.7]
+    assert "Residual over noise on the runs used: 11.00 calibrated, 1.70 now." in found.verdict
+    assert found.corrected == {"+ supply_sag"}

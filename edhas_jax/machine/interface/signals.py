@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.units import from_si
 
 
 class Signal(NamedTuple):
@@ -18,6 +19,10 @@ class Signal(NamedTuple):
     unit: str
     display_unit: str
     doc: str
+
+    def shown(self, values):
+        """Values (SI) in the unit for display."""
+        return from_si(values, self.unit, self.display_unit)
 
 
 SIGNALS: dict[str, Signal] = {

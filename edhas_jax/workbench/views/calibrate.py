@@ -4,6 +4,7 @@ from nicegui import ui
 
 from edhas_jax.core.units import exact_quantity
 from edhas_jax.workbench.views.certainty import Certainty
+from edhas_jax.workbench.views.elements import Block, Button, MainButton
 from edhas_jax.workbench.views.fit_progress import FitProgress
 from edhas_jax.workbench.views.job_panel import JobPanel
 from edhas_jax.workbench.views.parameters import Parameters
@@ -25,12 +26,11 @@ class CalibrateView:
     async def build(self) -> None:
         """Build the view."""
         with ui.row().classes("items-center gap-3"):
-            ui.button("Calibrate", on_click=self._calibrate).props("no-caps unelevated icon=straighten")
-            self._from_fit = ui.button("Begin from the estimates", on_click=self._take_estimates)
-            self._from_fit.props("no-caps flat dense icon=redo")
-            ui.button("As in the campaign", on_click=self._forget).props("no-caps flat dense icon=restart_alt")
+            MainButton("Calibrate", on_click=self._calibrate, icon="straighten")
+            self._from_fit = Button("Begin from the estimates", on_click=self._take_estimates, icon="redo")
+            Button("As in the campaign", on_click=self._forget, icon="restart_alt")
             self._name = ui.input("keep this fit as").props("dense outlined").classes("min-w-40")
-            self._keep = ui.button("Keep", on_click=self._keep_fit).props("no-caps flat dense icon=bookmark_add")
+            self._keep = Button("Keep", on_click=self._keep_fit, icon="bookmark_add")
         self._problems = ui.column().classes("gap-0").props("data-mark=choices-problems role=status")
         self._state = ui.label("").props("data-mark=fit-state")
         self._job = JobPanel(self._page, {"calibrate": self._calibrate}, stops=True)
@@ -38,9 +38,9 @@ class CalibrateView:
         self._parameters = Parameters(self._page, self._chosen)
         self._runs = RunsAndSignals(self._page, self._chosen)
         with ui.expansion("the same in a terminal and in Python").classes("w-full wb-quiet").props("dense"):
-            self._command = ui.label("").classes("wb-block").props("data-mark=fit-command")
-            self._python = ui.label("").classes("wb-block").props("data-mark=fit-python")
-            self._file = ui.label("").classes("wb-block").props("data-mark=fit-choices")
+            self._command = Block("").props("data-mark=fit-command")
+            self._python = Block("").props("data-mark=fit-python")
+            self._file = Block("").props("data-mark=fit-choices")
         self._certainty = Certainty(self._page, lambda: self._progress.cell)
         await self.refresh()
 
@@ -61,11 +61,6 @@ class CalibrateView:
         self._job.refresh()
         await self._progress.follow()
 
-    async def redraw(self) -> None:
-        """Draw the plots again, in the colours of the page."""
-        await self._progress.redraw()
-        await self._certainty.refresh()
-
     def _show_state(self) -> None:
         """Say what the last calibration is, and show what does the same as the button."""
         session, fit = self._page.session, self._page.workspace.result(CALIBRATED)
@@ -73,9 +68,8 @@ class CalibrateView:
         said += [WITH_CHOICES] if fit is not None and fit.get("choices") else []
         said += [CHANGED] if session.choices.changed_after_fit() else []
         self._state.set_text(" ".join(said))
-        self._from_fit.set_visibility(fit is not None)
-        self._keep.set_visibility(fit is not None)
-        self._name.set_visibility(fit is not None)
+        for element in (self._from_fit, self._keep, self._name):
+            element.set_visibility(fit is not None)
         self._command.set_text(session.command_fit())
         self._python.set_text(session.python_fit())
         text = session.choices.text()
@@ -106,8 +100,7 @@ class CalibrateView:
 
     async def _calibrate(self) -> None:
         page = self._page
-        if page.summary is None:
-            page.tell("\n".join(page.problems) or "There is no campaign in this folder yet: bring data first.")
+        if not page.has_campaign():
             return
         if not await self._check():
             page.note("The choices are not right yet.")

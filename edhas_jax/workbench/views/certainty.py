@@ -5,13 +5,10 @@ from typing import Any
 
 from nicegui import ui
 
-from edhas_jax.workbench.calibration_figures import (
-    HEIGHT,
-    autocorrelation_figure,
-    correlation_figure,
-    ellipse_figure,
-)
+from edhas_jax.core.units import unit_text
+from edhas_jax.workbench.calibration_figures import HEIGHT, autocorrelation_figure, correlation_figure, ellipse_figure
 from edhas_jax.workbench.figure_parts import chart_figure
+from edhas_jax.workbench.views.elements import Button, Choice, Head, Quiet
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import CALIBRATED
 
@@ -49,24 +46,22 @@ class Certainty:
         first, second = _most_alike(fit)
         with ui.element("div").classes("wb-two"):
             with ui.column().classes("gap-1 w-full"):
-                ui.label("Correlations of the estimates").classes("wb-h")
+                Head("Correlations of the estimates")
                 Plot("correlations").show(correlation_figure(fit["correlation"], self._page.dark))
             with ui.column().classes("gap-1 w-full"):
-                ui.label("Confidence").classes("wb-h")
+                Head("Confidence")
                 with ui.row().classes("items-end gap-3"):
-                    self._one = ui.select(names, value=first, label="parameter").classes("min-w-40")
-                    self._other = ui.select(names, value=second, label="together with").classes("min-w-40")
+                    self._one = Choice(names, value=first, label="parameter", on_change=self._draw_ellipse)
+                    self._other = Choice(names, value=second, label="together with", on_change=self._draw_ellipse)
                     for field in (self._one, self._other):
-                        field.props("dense options-dense outlined").on_value_change(self._draw_ellipse)
-                    button = ui.button("Profile", on_click=self._compute_profile).props("no-caps flat dense")
+                        field.classes("min-w-40")
+                    button = Button("Profile", on_click=self._compute_profile)
                     button.tooltip("χ² along the parameter, all others fitted anew: some seconds")
-                self._note = ui.label("").classes("wb-quiet").props("data-mark=confidence-note")
+                self._note = Quiet("").props("data-mark=confidence-note")
                 self._ellipse, self._along = Plot("ellipse"), Plot("profile")
-        self._residual_title = ui.label("").classes("wb-h").props("data-mark=residual-title")
-        ui.label(
-            "Band: 95 % of the values lie in it if the residual is white noise, so that nothing is left to explain. "
-            "Over the whole record."
-        ).classes("wb-quiet")
+        self._residual_title = Head("").props("data-mark=residual-title")
+        Quiet("Band: 95 % of the values lie in it if the residual is white noise, so that nothing is left to explain. "
+              "Over the whole record.")  # fmt: skip
         self._correlogram = Plot("autocorrelation")
         self._draw_ellipse()
 
@@ -90,18 +85,17 @@ class Certainty:
         command = self._page.session.command_fit("--profile", name)
         python = self._page.session.python_fit(name)
         self._page.did(f"calibrate with the profile of {name}", command, python)
-        low, high = found.stops
-        title = name.replace("_", " ")
-        unit = found.x_title.partition(", ")[2]
-        self._note.set_text(f"{title}: {low:.5g} to {high:.5g} {unit} with 95 % by the profile of χ².")
-        self._along.show(chart_figure(found, HEIGHT, self._page.dark))
+        low, high = found["interval"]
+        interval = f"{low:.5g} to {high:.5g} {unit_text(found['unit'])}".rstrip()
+        self._note.set_text(f"{name.replace('_', ' ')}: {interval} with 95 % by the profile of χ².")
+        self._along.show(chart_figure(found["chart"], HEIGHT, self._page.dark).plain)
 
     async def _draw_autocorrelation(self) -> None:
         cell, time = self._cell(), self._page.workspace.result_time(CALIBRATED)
         if (cell, time, self._page.readings) == self._residual or not all(cell):
             return
         self._residual = cell, time, self._page.readings
-        found = await self._page.ask("fit.autocorrelation", CALIBRATED, self._page.session.allowed, *cell)
+        found = await self._page.ask("fit.autocorrelation", CALIBRATED, *cell)
         title = f"Autocorrelation of the residual of {cell[1].replace('_', ' ')}, {cell[0]}, calibrated"
         self._residual_title.set_text(title)
         if found is None:

@@ -4,10 +4,12 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.measurements.residual_matrix import ERROR_LABEL
 from edhas_jax.workbench.figures import residual_figure, traces_figure
 from edhas_jax.workbench.standing import USES
+from edhas_jax.workbench.views.elements import Button, Choice, Head, Quiet, Toggle
 from edhas_jax.workbench.views.matrix import error_matrix, matrix_rows
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.save import csv_button
@@ -34,7 +36,7 @@ class CompareView:
         self._found: dict[str, Any] | None = None
         self._panels: list[dict] = []
         self._shown: list[float] | None = None
-        self._variable = ""
+        self._variable, self._is_dark = "", False
 
     async def build(self) -> None:
         """Build the view."""
@@ -43,28 +45,26 @@ class CompareView:
         last = list(page.standing().models.values() or [AS_GIVEN])[-1]
         self._model = page.place.model if page.place.model in models else last
         with ui.row().classes("items-end gap-4"):
-            self._models = ui.select(list(models), value=self._model, label="model")
-            self._models.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_model)
-            self._others = ui.select([NO_OTHER, *models], value=self._other, label="over another model")
-            self._others.classes("min-w-48").props("dense options-dense outlined").on_value_change(self._choose_other)
-            replays = ui.select(REPLAYS, value=self._replay, label="driven by").classes("min-w-40")
-            replays.props("dense options-dense outlined").on_value_change(self._choose_replay)
-            ui.button("Report of this comparison", on_click=self._report).props("flat no-caps dense icon=description")
+            self._models = Choice(list(models), value=self._model, label="model", on_change=self._choose)
+            self._others = Choice(
+                [NO_OTHER, *models], value=self._other, label="over another model", on_change=self._choose
+            )
+            for choice in (self._models, self._others):
+                choice.classes("min-w-48")
+            self._replays = Choice(REPLAYS, value=self._replay, label="driven by", on_change=self._choose)
+            self._replays.classes("min-w-40")
+            Button("Report of this comparison", on_click=self._report, icon="description")
         self._body = ui.column().classes("w-full gap-3 mt-3")
         await self._compare()
 
     async def refresh(self) -> None:
         """Follow the folder and the place: new models, a changed campaign, another run, signal or model."""
         models, place = list(self._page.workspace.models()), self._page.place
-        wanted = place.model if place.model in models else self._model if self._model in models else AS_GIVEN
-        if self._models.options != models or wanted != self._model:
-            self._model = wanted
-            self._models.set_options(models, value=wanted)
-            self._other = self._other if self._other in models else NO_OTHER
-            self._others.set_options([NO_OTHER, *models], value=self._other)
+        self._model = self._models.follow(models, place.model, self._model, AS_GIVEN)
+        self._other = self._others.follow([NO_OTHER, *models], self._other, NO_OTHER)
         if self._found is None or self._found.get("of") != self._identity():
             await self._compare()
-        elif self._follow_place():
+        elif self._follow_place() or self._is_dark != self._page.dark:
             await self._draw()
             await self._draw_residual()
 
@@ -78,36 +78,23 @@ class CompareView:
         self._shown = None
         return True
 
-    async def redraw(self) -> None:
-        """Draw the plots again, in the colours of the page."""
-        if self._found is not None:
-            await self._draw()
-            await self._draw_residual()
-
     def _identity(self) -> tuple:
         paths = [self._page.workspace.models().get(model) for model in self._overlaid()]
         changed = [path.stat().st_mtime_ns if path is not None and path.is_file() else 0 for path in paths]
-        file = self._page.workspace.campaign_file
-        return self._overlaid(), self._replay, changed, file.stat().st_mtime_ns if file.is_file() else 0
+        return self._overlaid(), self._replay, changed, self._page.readings
 
     def _overlaid(self) -> list[str]:
         """The models that are drawn, the one that is compared last."""
         return [self._model] if self._other in (NO_OTHER, self._model) else [self._other, self._model]
 
-    async def _choose_model(self, event) -> None:
-        if event.value != self._model:
-            self._model = event.value
-            self._page.move(model=event.value)
+    async def _choose(self) -> None:
+        """Take over the models and what drives them."""
+        old = self._model, self._other, self._replay
+        self._model, self._other, self._replay = self._models.value, self._others.value, self._replays.value
+        if self._model != old[0]:
+            self._page.move(model=self._model)
+        if (self._model, self._other, self._replay) != old:
             await self._compare()
-
-    async def _choose_other(self, event) -> None:
-        if event.value != self._other:
-            self._other = event.value
-            await self._compare()
-
-    async def _choose_replay(self, event) -> None:
-        self._replay = event.value
-        await self._compare()
 
     def _report(self) -> None:
         self._page.attempt(lambda: self._page.session.report_comparison(self._model))
@@ -116,19 +103,20 @@ class CompareView:
     async def _compare(self) -> None:
         page = self._page
         self._body.clear()
-        if page.summary is None:
+        if page.missing:
             with self._body:
-                for line in page.problems or ["There is no campaign in this folder yet. Begin in the view “Data”."]:
+                for line in page.missing:
                     ui.label(line)
             return
+        self._replays.set_visibility(page.summary["rig"] in RIGS)  # the drives of one's own rig are in its records
         of, overlaid = self._identity(), self._overlaid()
-        found = await page.ask("campaign.compare", self._model, self._replay, page.session.allowed)
+        found = await page.ask("campaign.compare", self._model, self._replay)
         if found is None:
             self._found = None
             return
         before = None
         if len(overlaid) > 1:
-            before = await page.ask("campaign.compare", overlaid[0], self._replay, page.session.allowed)
+            before = await page.ask("campaign.compare", overlaid[0], self._replay)
         if of != self._identity():  # something else was chosen meanwhile, and its comparison follows
             return
         self._body.clear()
@@ -155,23 +143,23 @@ class CompareView:
         with ui.element("div").classes("wb-two"):
             with ui.column().classes("gap-1"):
                 with ui.row().classes("items-center gap-1"):
-                    ui.label("Residual over noise").classes("wb-h")
+                    Head("Residual over noise")
                     csv_button("matrix", self._matrix_rows)
                 note = "1 is the noise of the sensors. Click a cell to see the signal."
                 if found["before"] is not None:
                     note = f"“{self._other}” → “{self._model}”; ▲ is worse. {note}"
-                ui.label(note).classes("wb-quiet")
+                Quiet(note)
                 if (note := self._bench_note()) is not None:
-                    ui.label(note).classes("wb-quiet").props("data-mark=bench-note")
+                    Quiet(note).props("data-mark=bench-note")
                 notes = page.summary["conditions"]
                 with ui.element("div").props("data-mark=as-recorded"):
-                    error_matrix(found["matrix"], list(found["signals"]), notes, self._click_cell, found["before"])
+                    error_matrix(found["matrix"], list(found["signals"]), notes, self._look_at, found["before"])
                 if found["bench_corrected"]:
-                    ui.label(f"Residual over noise {BENCH_CORRECTED}").classes("wb-h")
+                    Head(f"Residual over noise {BENCH_CORRECTED}")
                     with ui.element("div").props("data-mark=bench-corrected"):
-                        error_matrix(found["bench_corrected"], list(found["signals"]), notes, self._click_cell)
+                        error_matrix(found["bench_corrected"], list(found["signals"]), notes, self._look_at)
             with ui.column().classes("gap-1"):
-                ui.label("Where the model deviates").classes("wb-h")
+                Head("Where the model deviates")
                 if not found["sentences"]:
                     ui.label("Nowhere: the residuals hold nothing but the noise of the sensors.")
                 with ui.element("ol").classes("wb-list"):
@@ -183,22 +171,17 @@ class CompareView:
                             link.on("click", lambda _, row=row: self._show_place(row))
                 remarks = [*page.summary["sentences"], *found["remarks"]][:MAX_REMARKS]
                 for remark in remarks:
-                    ui.label(remark).classes("wb-quiet")
+                    Quiet(remark)
         with ui.row().classes("items-center gap-4 w-full"):
-            ui.label("Measured and model").classes("wb-h")
-            mode = ui.toggle([ONE_RUN, ONE_SIGNAL], value=self._mode).on_value_change(self._choose_mode)
-            mode.props("no-caps dense unelevated size=sm padding='3px 10px'")
-            self._which = ui.select([]).props("dense options-dense outlined").classes("min-w-40")
-            self._which.on_value_change(self._choose_which)
-            ui.button("Whole record", on_click=self._whole).props("flat dense no-caps icon=zoom_out_map size=sm")
-            ui.label(f"Drag to zoom; all panels follow. Below each signal: {ERROR_LABEL}, band ± 2.").classes(
-                "wb-quiet gt-sm"
-            )
+            Head("Measured and model")
+            self._modes = Toggle([ONE_RUN, ONE_SIGNAL], value=self._mode, on_change=self._whole)
+            self._which = Choice([], on_change=self._choose_which).classes("min-w-40")
+            Button("Whole record", on_click=self._whole, icon="zoom_out_map").props("size=sm")
+            Quiet(f"Drag to zoom; all panels follow. Below each signal: {ERROR_LABEL}, band ± 2.").classes("gt-sm")
         self._plot = Plot("traces", {"plotly_relayout": self._zoomed}, self._samples)
         with ui.row().classes("items-center gap-4 w-full"):
-            ui.label(f"{ERROR_LABEL} over").classes("wb-h")
-            self._variables = ui.select(found["variables"], value=self._variable)
-            self._variables.props("dense options-dense outlined").on_value_change(self._choose_variable)
+            Head(f"{ERROR_LABEL} over")
+            self._variables = Choice(found["variables"], value=self._variable, on_change=self._choose_variable)
         self._over = Plot("over")
 
     def _matrix_rows(self) -> list[tuple]:
@@ -216,37 +199,27 @@ class CompareView:
             f"noise on the {USES[now.use]} is {now.judged(stage):.2f}."
         )
 
-    async def _click_cell(self, run: str, signal: str) -> None:
-        await self._look_at(run, signal, None)
-
     async def _show_place(self, row: dict[str, Any]) -> None:
         if row["axis"] in self._found["variables"]:
             self._variable = row["axis"]
             self._variables.set_value(self._variable)
         await self._look_at(row["run"], row["signal"], list(row["range"]))
 
-    async def _look_at(self, run: str, signal: str, shown: list[float] | None) -> None:
+    async def _look_at(
+        self, run: str, signal: str, shown: list[float] | None = None, scrolls: bool = True
+    ) -> None:  # fmt: skip
         """Draw a run and a signal, and bring the plot into view."""
         self._run, self._signal, self._shown = run, signal, shown
         self._page.move(run=run, signal=signal)
         await self._draw()
-        self._plot.bring_into_view()
+        if scrolls:
+            self._plot.bring_into_view()
         await self._draw_residual()
 
-    async def _choose_mode(self, event) -> None:
-        self._mode, self._shown = event.value, None
-        await self._draw()
-
     async def _choose_which(self, event) -> None:
-        if self._mode == ONE_RUN and event.value != self._run:
-            self._run, self._shown = event.value, None
-            self._page.move(run=self._run)
-            await self._draw()
-        elif self._mode == ONE_SIGNAL and event.value != self._signal:
-            self._signal, self._shown = event.value, None
-            self._page.move(signal=self._signal)
-            await self._draw()
-            await self._draw_residual()
+        cell = (event.value, self._signal) if self._mode == ONE_RUN else (self._run, event.value)
+        if cell != (self._run, self._signal):
+            await self._look_at(*cell, scrolls=False)
 
     async def _choose_variable(self, event) -> None:
         if event.value != self._variable:
@@ -254,7 +227,8 @@ class CompareView:
             await self._draw_residual()
 
     async def _whole(self) -> None:
-        self._shown = None
+        """Draw the runs from their beginning to their end."""
+        self._mode, self._shown = self._modes.value, None
         await self._draw()
 
     def _panel_names(self) -> list[tuple[str, str]]:
@@ -266,25 +240,21 @@ class CompareView:
 
     async def _draw(self) -> None:
         options = list(self._found["matrix"]) if self._mode == ONE_RUN else list(self._found["signals"])
-        self._page.shown = self._run, self._signal
-        self._which.set_options(options, value=self._run if self._mode == ONE_RUN else self._signal)
-        first, last = self._shown or (float("-inf"), float("inf"))
-        panels = await self._traces(first, last)
+        self._page.shown, self._is_dark = (self._run, self._signal), self._page.dark
+        self._which.follow(options, self._run if self._mode == ONE_RUN else self._signal)
+        panels = await self._traces()
         if panels:
             self._panels = panels
             self._plot.show(traces_figure(panels, self._page.dark, self._shown))
 
-    async def _traces(self, first: float, last: float) -> list[dict] | None:
-        arguments = self._panel_names(), first, last, INTERVALS
-        return await self._page.ask(
-            "campaign.traces", self._overlaid(), self._replay, self._page.session.allowed, *arguments
-        )
+    async def _traces(self) -> list[dict] | None:
+        of = self._panel_names(), *(self._shown or (float("-inf"), float("inf"))), INTERVALS
+        return await self._page.ask("campaign.traces", self._overlaid(), self._replay, *of)
 
     async def _samples(self) -> list[list] | None:
         """All samples of the run that is drawn, as a table with its head."""
         signals = list(self._found["matrix"][self._run])
-        return await self._page.ask("campaign.samples", self._overlaid(), self._replay, self._page.session.allowed,
-                                    self._run, signals)  # fmt: skip
+        return await self._page.ask("campaign.samples", self._overlaid(), self._replay, self._run, signals)
 
     async def _zoomed(self, event) -> None:
         """Fetch the samples of a part of a long record; short ones are complete in the plot already."""
@@ -297,15 +267,14 @@ class CompareView:
             return
         if all(panel["samples"] <= 2 * INTERVALS for panel in self._panels):
             return
-        first, last = self._shown or (float("-inf"), float("inf"))
-        panels = await self._traces(first, last)
+        panels = await self._traces()
         if panels:
             figure = traces_figure(panels, self._page.dark, self._shown)
             values = {"x": [row["x"] for row in figure["data"]], "y": [row["y"] for row in figure["data"]]}
             self._plot.element.run_plot_method("restyle", values, list(range(len(figure["data"]))))
 
     async def _draw_residual(self) -> None:
-        found = await self._page.ask("campaign.residual_over", self._model, self._replay, self._page.session.allowed,
-                                     self._signal, self._variable)  # fmt: skip
+        of = self._model, self._replay, self._signal, self._variable
+        found = await self._page.ask("campaign.residual_over", *of)
         if found is not None:
             self._over.show(residual_figure(found, self._signal, self._variable, self._page.dark))

@@ -13,6 +13,7 @@ from edhas_jax.core.units import format_quantity
 from edhas_jax.measurements.tables.table import MAX_BYTES
 from edhas_jax.workbench.calculator import CalculationError
 from edhas_jax.workbench.figures import record_figure
+from edhas_jax.workbench.views.elements import Choice, Head, MainButton, Quiet, Strong
 from edhas_jax.workbench.views.mapper import Mapper
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.table import show_table
@@ -29,15 +30,13 @@ class DataView:
     def __init__(self, page):
         self._page = page
         self._written: int | None = None  # when the campaign file that is shown was written
-        self._read: int | None = None  # number of the reading whose check is shown
+        self._read: tuple = ()  # number of the reading whose check is shown, and whether the page was dark
 
     async def build(self) -> None:
         """Build the view."""
-        ui.label("Files").classes("wb-h")
-        ui.label(
-            "Drop the records of a logger: CSV or text with any separator and decimal commas, Excel, MATLAB, "
-            "Parquet, HDF5, TDMS or MDF. They are copied into the folder of the campaign."
-        ).classes("wb-quiet")  # fmt: skip
+        Head("Files")
+        Quiet("Drop the records of a logger: CSV or text with any separator and decimal commas, Excel, MATLAB, "
+              "Parquet, HDF5, TDMS or MDF. They are copied into the folder of the campaign.")  # fmt: skip
         upload = ui.upload(multiple=True, auto_upload=True, max_file_size=MAX_BYTES, on_upload=self._receive,
                            on_rejected=lambda: self._page.note("A file above 1 GB is not read."),
                            label="drop files here, or press +").classes("w-full max-w-xl")  # fmt: skip
@@ -55,15 +54,11 @@ class DataView:
         if written != self._written:
             self._written = written
             self._build_file()
-        if self._page.readings != self._read:  # of a file that may have been written anew since
-            self._read = self._page.readings
+        if (self._page.readings, self._page.dark) != self._read:  # of a file that may have been written anew since
+            self._read = self._page.readings, self._page.dark
             self._build_check()
+            self._mapper.draw_curves()
             await self._draw_record()
-
-    async def redraw(self) -> None:
-        """Draw the plots again, in the colours of the page."""
-        self._mapper.draw_curves()
-        await self._draw_record()
 
     async def _receive(self, event) -> None:
         name = file_name(Path(event.file.name).name)
@@ -90,7 +85,7 @@ class DataView:
 
     def _refuse(self, name: str, lines: list[str]) -> None:
         with self._refused, ui.element("div").classes("wb-card wb-bad w-full"):
-            ui.label(f"{name} is not used:").classes("font-semibold")
+            Strong(f"{name} is not used:")
             for line in lines[:MAX_REMARKS]:
                 ui.label(line)
 
@@ -102,17 +97,15 @@ class DataView:
             return
         text = self._page.attempt(lambda: path.read_text(encoding="utf-8", errors="replace"))
         with self._file:
-            ui.label("campaign.yaml").classes("wb-h")
+            Head("campaign.yaml")
             editor = ui.textarea(value=text or "").props("outlined autogrow input-class=wb-code").classes("w-full")
             editor.props["aria-label"] = "campaign.yaml"
             with ui.row():
-                save = ui.button("Save and check", on_click=lambda: self._save(editor.value, "change campaign.yaml"))
-                save.props("no-caps unelevated dense")
+                MainButton("Save and check", on_click=lambda: self._save(editor.value, "change campaign.yaml"))
 
     async def _save(self, text: str, what: str) -> None:
         workspace = self._page.workspace
-        with atomic_write(workspace.campaign_file) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        workspace.write(CAMPAIGN_FILE, text)
         shown = workspace.written("")
         self._page.did(what, f"edhas campaign check {shown}", f'campaign = edhas.read_campaign("{workspace.shown}")')
         await self._page.read_campaign()
@@ -130,7 +123,7 @@ class DataView:
             summary = page.summary
             if summary is None:
                 return
-            ui.label("Check of the data").classes("wb-h")
+            Head("Check of the data")
             samples = sum(row["samples"] for row in summary["runs"].values())
             runs, signals = len(summary["runs"]), len(summary["signals"])
             counts = f"{runs} run{'s' * (runs != 1)}, {signals} signal{'s' * (signals != 1)}, {samples:,} samples."
@@ -144,16 +137,12 @@ class DataView:
                         ui.label(f"{file}{f':{line}' if line else ''}: {sentence}")
             self._noise_table(summary)
             with ui.row().classes("items-center gap-3"):
-                ui.label("As recorded").classes("wb-h")
+                Head("As recorded")
                 runs, signals = list(summary["runs"]), list(summary["signals"])
-                self._record_run = ui.select(runs, value=runs[0]).props("dense outlined options-dense")
-                self._record_signal = ui.select(signals, value=signals[0]).props("dense outlined options-dense")
-                ui.label("Red: samples left out. Grey: gaps in the time. Dashed: where the signal is cut off.").classes(
-                    "wb-quiet"
-                )
+                self._record_run = Choice(runs, value=runs[0], on_change=self._draw_record)
+                self._record_signal = Choice(signals, value=signals[0], on_change=self._draw_record)
+                Quiet("Red: samples left out. Grey: gaps in the time. Dashed: where the signal is cut off.")
             self._record = Plot("record")
-            for choice in (self._record_run, self._record_signal):
-                choice.on_value_change(self._draw_record)
 
     def _noise_table(self, summary: dict[str, Any]) -> None:
         heads, rows = ("noise", "stated", "measured", "used"), []

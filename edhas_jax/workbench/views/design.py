@@ -11,6 +11,7 @@ from edhas_jax.config.file_kind import command_of
 from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
 from edhas_jax.workbench.figures import SET_POINT, lines_figure
+from edhas_jax.workbench.views.elements import Button, Choice, Head, Quiet, Strong
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.sweep import SweepPanel
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS
@@ -36,18 +37,19 @@ class DesignView:
         self._source, self._opened = "", None
         self._values: dict[str, float] = {}
         self._sliders: list[str] = []
-        self._wanted, self._is_running = False, False
+        self._wanted, self._is_running, self._is_dark = False, False, False
         self._run: dict[str, Any] | None = None
         self._sweep: SweepPanel | None = None
 
     async def build(self) -> None:
         """Build the view."""
         with ui.row().classes("items-end gap-4"):
-            self._sources = ui.select(self._source_names(), label="machine").classes("min-w-56")
-            self._sources.props("dense options-dense outlined").on_value_change(self._choose_source)
-            self._more = ui.select({}, label="add a slider for", with_input=True).classes("min-w-56")
-            self._more.props("dense options-dense outlined clearable").on_value_change(self._add_slider)
-            ui.button("Reset", on_click=self._reset).props("no-caps flat dense")
+            self._sources = Choice(self._source_names(), label="machine", on_change=self._choose_source)
+            self._more = Choice({}, label="add a slider for", with_input=True, on_change=self._add_slider)
+            self._more.props("clearable")
+            for choice in (self._sources, self._more):
+                choice.classes("min-w-56")
+            Button("Reset", on_click=self._reset)
         self._body = ui.column().classes("w-full gap-4 mt-2")
         names = self._source_names()
         if names:
@@ -55,24 +57,16 @@ class DesignView:
             self._sources.set_value(config.name if config is not None else next(iter(names)))
         else:
             with self._body:
-                ui.label(
-                    "There is no configuration in this folder: open the workbench on one, such as configs/paper.yaml."
-                )
+                ui.label("There is no configuration in this folder: open the workbench on one, "
+                         "such as configs/paper.yaml.")  # fmt: skip
 
     async def refresh(self) -> None:
-        """Follow the folder: a sweep that has ended."""
-        names = self._source_names()
-        if self._sources.options != names:
-            self._sources.set_options(names, value=self._source if self._source in names else None)
-        if self._sweep is not None:
-            await self._sweep.refresh()
-
-    async def redraw(self) -> None:
-        """Draw the plots again, in the colours of the page."""
-        if self._run is not None:
+        """Follow the folder, such as a sweep that has ended, and the colours of the page."""
+        self._sources.follow(self._source_names(), self._source)
+        if self._run is not None and self._is_dark != self._page.dark:
             self._draw_cycle()
         if self._sweep is not None:
-            self._sweep.redraw()
+            await self._sweep.refresh()
 
     def _source_names(self) -> dict[str, str]:
         """The machines that can be chosen, by file (or `AS_GIVEN`), with the names that the page has for them."""
@@ -94,7 +88,7 @@ class DesignView:
         name = await self._page.ask("design.campaign_machine") if event.value == AS_GIVEN else event.value
         if name is None:
             return
-        found = await self._page.ask("design.open", name, self._page.session.allowed)
+        found = await self._page.ask("design.open", name)
         if found is None:
             return
         self._opened = found | {"file": name}
@@ -111,17 +105,13 @@ class DesignView:
 
     def _build_body(self) -> None:
         self._body.clear()
-        ranged = {
-            row["name"]: row["name"].replace("_", " ")
-            for row in self._opened["parameters"]
-            if row["range"]
-        }
-        self._more.set_options({n: t for n, t in ranged.items() if n not in self._sliders}, value=None)
+        ranged = {row["name"]: row["name"].replace("_", " ") for row in self._opened["parameters"] if row["range"]}
+        self._more.follow({n: t for n, t in ranged.items() if n not in self._sliders})
         with self._body:
             with ui.element("div").classes("wb-split"):
                 self._panel = ui.column().classes("gap-1 w-full")
                 with ui.column().classes("gap-1 w-full"):
-                    self._status = ui.label("").classes("wb-quiet").props("data-mark=cycle-status")
+                    self._status = Quiet("").props("data-mark=cycle-status")
                     self._metrics = ui.row().classes("gap-x-5 gap-y-1")
                     self._cycle = Plot("cycle")
             self._fill_panel()
@@ -150,7 +140,7 @@ class DesignView:
             with ui.row().classes("w-full no-wrap items-baseline"):
                 ui.label(row["name"].replace("_", " ")).classes("ellipsis").tooltip(row["doc"])
                 ui.space()
-                text = ui.label(format_quantity(value, row["unit"])).classes("font-semibold")
+                text = Strong(format_quantity(value, row["unit"]))
             slider = Slider(min=0, max=STEPS, step=1, value=round(float(share) * STEPS))
             slider.props["aria-label"] = row["name"]
             slider.props(f"data-mark=slider-{row['name']}")
@@ -184,9 +174,8 @@ class DesignView:
                 self._wanted = False
                 began = time.perf_counter()
                 try:
-                    self._run = await self._page.session.calculator.call(
-                        "design.simulate", self._opened["file"], self._page.session.allowed, dict(self._values)
-                    )
+                    of = self._opened["file"], dict(self._values)
+                    self._run = await self._page.session.calculator.call("design.simulate", *of)
                 except (CalculationError, CalculationCancelled) as error:
                     self._status.set_text(str(error) or "cancelled")
                     continue
@@ -197,11 +186,9 @@ class DesignView:
 
     def _note_step(self) -> None:
         shown = self._page.workspace.shown
-        words = [
-            f"{name}={exact_quantity(value, self._parameter(name)['unit']).replace(' ', '')}"
-            for name, value in self._values.items()
-        ]
-        command = f"edhas simulate {shown / self._opened['file']}" + "".join(f" --set {word}" for word in words)
+        texts = {n: exact_quantity(value, self._parameter(n)["unit"]) for n, value in self._values.items()}
+        words = "".join(f" --set {name}={text.replace(' ', '')}" for name, text in texts.items())
+        command = f"edhas simulate {shown / self._opened['file']}{words}"
         values = ", ".join(f"{name}={value!r}" for name, value in self._values.items())
         python = f'config = edhas.load("{shown / self._opened["file"]}")\n'
         machine = f"edhas.change(config.machine, {values})" if values else "config.machine"
@@ -209,7 +196,7 @@ class DesignView:
         self._page.did("simulate", command, python)
 
     def _draw_cycle(self, seconds: float | None = None) -> None:
-        run = self._run
+        run, self._is_dark = self._run, self._page.dark
         names = [n for n in FIRST_SIGNALS if n in run["signals"]] or list(run["signals"])[: len(FIRST_SIGNALS)]
         panels = []
         for name in names:
@@ -217,7 +204,7 @@ class DesignView:
             if name == "piston_position" and "reference" in run["signals"]:
                 curves.insert(0, (SET_POINT, run["time"], run["signals"]["reference"]))
             panels.append((name.replace("_", " "), run["units"][name], curves))
-        self._cycle.show(lines_figure(panels, "time within the last cycle, ms", self._page.dark))
+        self._cycle.show(lines_figure(panels, run["time_title"], self._page.dark))
         state = f"{run['status']}: {run['reason']}" if run["reason"] else run["status"]
         took = "" if seconds is None else f" · {seconds:.2f} s"
         self._status.set_text(f"{state} · {run['step']}{took}")
@@ -225,8 +212,8 @@ class DesignView:
         with self._metrics:
             for name, text in run["metrics"].items():
                 with ui.column().classes("gap-0"):
-                    ui.label(name.replace("_", " ")).classes("wb-quiet")
-                    ui.label(text).classes("font-semibold")
+                    Quiet(name.replace("_", " "))
+                    Strong(text)
 
     async def _show_design(self, values: dict[str, float]) -> None:
         """Show the cycle of a design of a sweep."""
@@ -241,16 +228,13 @@ class DesignView:
         found = [(name, command) for name, command in self._yaml_files() if command not in (None, "simulate")]
         if not found:
             return
-        ui.label("Tasks in this folder").classes("wb-h")
+        Head("Tasks in this folder")
         for name, command in found:
             out = Path(RESULTS, DESIGNS, Path(name).stem)
             with ui.row().classes("items-center gap-3"):
-                ui.label(name).classes("font-semibold")
-                ui.button(
-                    f"edhas {command}", on_click=lambda _, n=name, c=command, o=out: self._run_task(n, c, o)
-                ).props("no-caps flat dense")
-                pictures = sorted(workspace.inside(out).glob("*.png"))
-                for picture in pictures:
+                Strong(name)
+                Button(f"edhas {command}", on_click=lambda _, n=name, c=command, o=out: self._run_task(n, c, o))
+                for picture in sorted(workspace.inside(out).glob("*.png")):
                     ui.link(picture.name, f"/results/{DESIGNS}/{out.name}/{picture.name}", new_tab=True)
 
     def _run_task(self, name: str, command: str, out: Path) -> None:

@@ -3,6 +3,7 @@
 from nicegui import ui
 
 from edhas_jax.workbench.standing import sizes_text
+from edhas_jax.workbench.views.elements import Head, MainButton, Quiet
 from edhas_jax.workbench.views.job_panel import JobPanel
 from edhas_jax.workbench.views.save import csv_button
 from edhas_jax.workbench.views.suspects import Suspects
@@ -18,8 +19,8 @@ class DiagnoseView:
     async def build(self) -> None:
         """Build the view."""
         with ui.row().classes("items-center gap-3"):
-            ui.button("Diagnose", on_click=self._diagnose).props("no-caps unelevated icon=troubleshoot")
-            ui.label("in a process of its own; it goes on when this page is closed").classes("wb-quiet gt-xs")
+            MainButton("Diagnose", on_click=self._diagnose, icon="troubleshoot")
+            Quiet("in a process of its own; it goes on when this page is closed").classes("gt-xs")
         self._job = JobPanel(self._page, {"diagnose": self._diagnose})
         self._suspects = Suspects(self._page, self.refresh)
         self._tried = ui.column().classes("w-full gap-1 mt-4")
@@ -35,13 +36,9 @@ class DiagnoseView:
         """Show what the job that runs has reported."""
         self._job.refresh()
 
-    async def redraw(self) -> None:
-        """Nothing to draw."""
-
     async def _diagnose(self) -> None:
         page = self._page
-        if page.summary is None:
-            page.tell("\n".join(page.problems) or "There is no campaign in this folder yet: bring data first.")
+        if not page.has_campaign():
             return
         page.attempt(page.session.diagnose)
         page.show_state()
@@ -62,7 +59,7 @@ class DiagnoseView:
         heads = "model", "runs used", "runs not used", "sizes"
         with self._tried:
             with ui.row().classes("items-center gap-1"):
-                ui.label("What was tried, side by side").classes("wb-h")
+                Head("What was tried, side by side")
                 csv_button("tried", lambda: [heads, *table])
             show_table(heads, table, heads[1:3])
 

@@ -7,6 +7,7 @@ from nicegui import ui
 
 from edhas_jax.core.units import to_si
 from edhas_jax.workbench.calibration_figures import cost_figure, trajectory_figure
+from edhas_jax.workbench.views.elements import Button, Choice, Quiet, Toggle
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import AS_GIVEN, CALIBRATED
 
@@ -33,18 +34,14 @@ class FitProgress:
         with ui.element("div").classes("wb-two"):
             with ui.column().classes("gap-1 w-full"):
                 with ui.row().classes("items-center gap-3"):
-                    self._runs = ui.select([], label="run").classes("min-w-32")
-                    self._signals = ui.select({}, label="signal").classes("min-w-40")
-                    for field in (self._runs, self._signals):
-                        field.props("dense options-dense outlined").on_value_change(self._choose)
-                    self._drag = ui.toggle([ZOOM, WINDOW], value=ZOOM).on_value_change(self.redraw)
-                    self._drag.props("no-caps dense unelevated size=sm padding='3px 10px'")
-                    whole = ui.button("Use all of the run", on_click=self._use_all)
-                    whole.props("flat dense no-caps size=sm icon=zoom_out_map")
-                self._title = ui.label("").classes("wb-quiet").props("data-mark=trajectory-title")
+                    self._runs = Choice([], label="run", on_change=self._choose).classes("min-w-32")
+                    self._signals = Choice({}, label="signal", on_change=self._choose).classes("min-w-40")
+                    self._drag = Toggle([ZOOM, WINDOW], value=ZOOM, on_change=self.follow)
+                    Button("Use all of the run", on_click=self._use_all, icon="zoom_out_map").props("size=sm")
+                self._title = Quiet("").props("data-mark=trajectory-title")
                 self._plot = Plot("trajectory", {"plotly_selected": self._selected})
             with ui.column().classes("gap-1 w-full"):
-                self._cost_title = ui.label("").classes("wb-quiet").props("data-mark=cost-title")
+                self._cost_title = Quiet("").props("data-mark=cost-title")
                 self._cost = Plot("cost")
 
     @property
@@ -58,18 +55,10 @@ class FitProgress:
         if summary is None:
             return
         runs, signals = list(summary["runs"]), list(summary["signals"])
-        self._run = place.run if place.run in runs else self._run if self._run in runs else runs[0]
-        self._signal = (
-            place.signal if place.signal in signals else self._signal if self._signal in signals else signals[0]
-        )
-        self._runs.set_options(runs, value=self._run)
-        self._signals.set_options({n: n.replace("_", " ") for n in signals}, value=self._signal)
+        self._run = self._runs.follow(runs, place.run, self._run, runs[0])
+        titles = {name: name.replace("_", " ") for name in signals}
+        self._signal = self._signals.follow(titles, place.signal, self._signal, signals[0])
         self._page.shown = self.cell
-        await self.follow()
-
-    async def redraw(self) -> None:
-        """Draw the plots again, in the colours of the page."""
-        self._cost_shown = self._drawn = None
         await self.follow()
 
     async def follow(self) -> None:
@@ -121,7 +110,7 @@ class FitProgress:
         page, cell = self._page, self.cell
         name, values, choices = self._present()
         window = self._window()
-        of = cell, values, choices, window, page.dark, self._drag.value, page.readings
+        of = cell, name, values, choices, window, page.dark, self._drag.value, page.readings
         if of == self._drawn:
             return
         given = await self._trajectory_as_given()

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from nicegui import ui
 
 from edhas_jax.workbench.jobs import CANCELLED, DONE, FAILED, RUNNING, Job
+from edhas_jax.workbench.views.elements import Block, Button
 
 STATES = {
     RUNNING: "runs", DONE: "is done", FAILED: "has failed", CANCELLED: "was cancelled; finished parts are kept",
@@ -68,14 +69,14 @@ class JobPanel:
                 ui.spinner(size="sm")
             self._title = ui.label().props(f"data-mark=job-{job.status}")
             if job.status == RUNNING:
-                cancel = ui.button("Stop" if self._stops else "Cancel", on_click=lambda: jobs.cancel(job))
-                cancel.props("no-caps flat dense data-mark=cancel-job")
+                cancel = Button("Stop" if self._stops else "Cancel", on_click=lambda: jobs.cancel(job))
+                cancel.props("data-mark=cancel-job")
             elif job.status == CANCELLED and not self._stops:
-                ui.button("Resume", on_click=self._starts[job.title]).props("no-caps flat dense icon=play_arrow")
+                Button("Resume", on_click=self._starts[job.title], icon="play_arrow")
         self._changed = ui.label("").props("data-mark=job-changed")
         self._log = ui.column().classes("w-full gap-1")
         if job.status == FAILED:
-            ui.label(jobs.output(job)[-MAX_OUTPUT:]).classes("wb-block")
+            Block(jobs.output(job)[-MAX_OUTPUT:])
         elif job.status == DONE:
             with ui.expansion("what the command printed").classes("w-full wb-quiet").props("dense"):
-                ui.label(jobs.output(job)).classes("wb-block wb-output")
+                Block(jobs.output(job)).classes("wb-output")

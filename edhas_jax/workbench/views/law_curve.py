@@ -3,6 +3,7 @@
 from nicegui import ui
 
 from edhas_jax.workbench.figure_parts import chart_figure
+from edhas_jax.workbench.views.elements import Button, Quiet, dialog
 
 HEIGHT = 380.0  # px
 
@@ -14,17 +15,13 @@ async def show_law_curve(page, names: list[str]) -> None:
         page: the window.
         names: the effects of the model, the last of which is drawn.
     """
-    found = await page.ask("campaign.law_curve", names, page.session.allowed)
+    found = await page.ask("campaign.law_curve", names)
     if found is None:
         return
     effect = found["effect"].replace("_", " ")
-    with page.floor, ui.dialog() as dialog, ui.card().classes("wb-problems").props("data-mark=law"):
-        ui.label(f"{effect}: estimated curve and law of the library").classes("font-semibold")
-        ui.plotly(chart_figure(found["chart"], HEIGHT, page.dark)).classes("w-full")
+    with dialog(page, f"{effect}: estimated curve and law of the library", "law", is_wide=True) as shown:
+        ui.plotly(chart_figure(found["chart"], HEIGHT, page.dark).plain).classes("w-full")
         if found["sentence"] is not None:
             ui.label(found["sentence"])
-        ui.label("The curve assumes no formula: it is fitted to the runs together with all other unknowns. "
-                 "Band: 95 %.").classes("wb-quiet")  # fmt: skip
-        ui.button("Close", on_click=dialog.close).props("flat no-caps")
-    dialog.on("hide", dialog.delete)
-    dialog.open()
+        Quiet("The curve assumes no formula: it is fitted to the runs together with all other unknowns. Band: 95 %.")
+        Button("Close", on_click=shown.close)

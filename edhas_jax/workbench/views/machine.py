@@ -2,7 +2,9 @@
 
 from nicegui import ui
 
+from edhas_jax.core.units import unit_text
 from edhas_jax.machine.effects import LIBRARY
+from edhas_jax.workbench.views.elements import Head, Strong, bullets
 from edhas_jax.workbench.views.schematic import Schematic, parts_of
 from edhas_jax.workbench.views.suspects import candidate_name, is_quiet, status_text
 from edhas_jax.workbench.workspace import DIAGNOSED, effect_id
@@ -16,7 +18,7 @@ class MachineView:
 
     async def build(self) -> None:
         """Build the view."""
-        ui.label("Equations, effects and suspects of each part").classes("wb-h")
+        Head("Equations, effects and suspects of each part")
         self._note = ui.label("Click a part; a darker colour is a higher probability that something is missing there.")
         self._note.classes("wb-quiet")
         with ui.element("div").classes("wb-two mt-2"):
@@ -43,9 +45,6 @@ class MachineView:
             chosen = self._part or next(iter(self._page.standing().where), parts[0])
         self._show(chosen)
 
-    async def redraw(self) -> None:
-        """The schematic is on white paper on any page."""
-
     def _choose(self, part: str) -> None:
         self._page.move(part=part)
         self._show(part)
@@ -58,37 +57,29 @@ class MachineView:
         with self._detail:
             title = part.replace("_", " ").capitalize()
             p = self._page.standing().where.get(part)
-            ui.label(title + (f": {p:.0%}" if p is not None else "")).classes("wb-h").props("data-mark=part")
+            Head(title + (f": {p:.0%}" if p is not None else "")).props("data-mark=part")
             slots = [slot for slot in summary["slots"] if slot["location"] == part]
             names = {slot["name"] for slot in summary["slots"]}
             if slots:
-                ui.label("Terms of its equations that an effect can change").classes("font-semibold")
-                with ui.element("ul").classes("wb-list"):
-                    for slot in slots:
-                        with ui.element("li"):
-                            unit = "" if slot["unit"] == "-" else f" [{slot['unit']}]"
-                            ui.label(f"{slot['name'].replace('_', ' ')}{unit}: {slot['doc']}")
+                Strong("Terms of its equations that an effect can change")
+                titles = (f"{s['name'].replace('_', ' ')} [{unit_text(s['unit'])}]".removesuffix(" []") for s in slots)
+                bullets(f"{title}: {slot['doc']}" for title, slot in zip(titles, slots, strict=True))
             here = [k for k in LIBRARY if k.slots[0].location == part and {s.name for s in k.slots} <= names]
             added = [effect_id(name) for name in workspace.decisions().added]
             mounted = [kind for kind in here if kind.id in (*summary["effects"], *added)]
             self._list_effects("In the model", mounted)
-            ui.label("Suspects").classes("font-semibold")
+            Strong("Suspects")
             suspects = [c for c in diagnosis.get("candidates", []) if c.get("slot") == part]
             if not suspects:
                 ui.label("None was fitted here." if diagnosis else "A diagnosis has not been made yet.")
-            with ui.element("ul").classes("wb-list"):
-                for c in suspects:
-                    is_added = c["effect"] in added
-                    with ui.element("li").classes("wb-grey" if is_quiet(c) and not is_added else ""):
-                        ui.label(f"{candidate_name(c)}: {'in the model' if is_added else status_text(c)}")
+            said = ("in the model" if c["effect"] in added else status_text(c) for c in suspects)
+            bullets((f"{candidate_name(c)}: {text}" for c, text in zip(suspects, said, strict=True)),
+                    (is_quiet(c) and c["effect"] not in added for c in suspects))  # fmt: skip
             self._list_effects("Others of the library", [k for k in here if k not in mounted])
 
     @staticmethod
     def _list_effects(title: str, kinds) -> None:
         if not kinds:
             return
-        ui.label(title).classes("font-semibold")
-        with ui.element("ul").classes("wb-list"):
-            for kind in kinds:
-                with ui.element("li"):
-                    ui.label(f"{kind.id}: {(kind.__doc__ or '').strip().splitlines()[0]}")
+        Strong(title)
+        bullets(f"{kind.id}: {(kind.__doc__ or '').strip().splitlines()[0]}" for kind in kinds)

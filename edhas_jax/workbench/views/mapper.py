@@ -11,7 +11,9 @@ from edhas_jax.measurements.campaign_draft import DRIVE_CONDITIONS, CampaignDraf
 from edhas_jax.measurements.table_guess import GuessedColumn, Role
 from edhas_jax.workbench.data_calculations import signals_of
 from edhas_jax.workbench.figures import lines_figure
+from edhas_jax.workbench.views.elements import Block, Button, Choice, Head, MainButton, Quiet, Strong, Toggle
 from edhas_jax.workbench.views.plot import Plot
+from edhas_jax.workbench.views.table import cell, table_of
 
 ROLES = [role.value for role in Role]
 USES = {"fit": "fit", "holdout": "hold out"}
@@ -70,40 +72,31 @@ class Mapper:
         self._mapper.clear()
         with self._mapper:
             with ui.row().classes("items-end gap-4"):
-                ui.label("What the columns are").classes("wb-h")
-                rig = ui.select(list(RIGS), value=self._rig, label="machine").props("dense outlined options-dense")
-                rig.classes("min-w-44").on_value_change(self._choose_rig)
-            with (
-                ui.element("div").classes("wb-scroll"),
-                ui.element("table").classes("wb-table").props("data-mark=mapper"),
-            ):
-                with ui.element("tr"):
-                    for head in ("column", "is", "signal of the model", "unit", "from … to", "missing"):
-                        with ui.element("th"):
-                            ui.label(head)
+                Head("What the columns are")
+                rig = Choice(list(RIGS), value=self._rig, label="machine", on_change=self._choose_rig)
+                rig.classes("min-w-44")
+            with table_of("column", "is", "signal of the model", "unit", "from … to", "missing") as table:
+                table.props("data-mark=mapper")
                 for row in self._columns:
                     self._column_row(row)
             self._draft_problems = ui.column().classes("gap-0")
             with ui.element("div").classes("wb-two"):
                 with ui.column().classes("gap-2 w-full"):
-                    ui.label("Runs").classes("wb-h")
+                    Head("Runs")
                     for name in self._files:
                         self._run_row(name)
                 with ui.column().classes("gap-1 w-full"):
-                    ui.label("campaign.yaml, as it will be").classes("wb-h")
-                    self._text = ui.label("").classes("wb-block").props("data-mark=draft")
-                    self._write_button = ui.button("Write campaign.yaml", on_click=self._write).props(
-                        "no-caps unelevated"
-                    )
-            ui.label("The records").classes("wb-h")
+                    Head("campaign.yaml, as it will be")
+                    self._text = Block("").props("data-mark=draft")
+                    self._write_button = MainButton("Write campaign.yaml", on_click=self._write)
+            Head("The records")
             self._curves = Plot("curves")
         self._update_draft()
         self.draw_curves()
 
     def _column_row(self, row: dict[str, Any]) -> None:
         with ui.element("tr"):
-            with ui.element("td"):
-                ui.label(row["column"]).classes("font-semibold")
+            cell(row["column"], "font-semibold")
             with ui.element("td"):
                 role = ui.select(ROLES, value=row["role"]).props("dense borderless options-dense").classes("min-w-28")
             with ui.element("td"):
@@ -115,10 +108,8 @@ class Mapper:
                 unit.props["aria-label"] = f"unit of {row['column']}"
                 if not row["unit_stated"] and row["unit"]:
                     unit.props("hint=assumed hide-bottom-space")
-            with ui.element("td").classes("n"):
-                ui.label(f"{row['span'][0]:.5g} … {row['span'][1]:.5g}")
-            with ui.element("td").classes("n"):
-                ui.label(str(row["missing"] or ""))
+            cell(f"{row['span'][0]:.5g} … {row['span'][1]:.5g}", "n")
+            cell(str(row["missing"] or ""), "n")
 
         async def change(key: str, value: str) -> None:
             row[key] = value or ""
@@ -141,10 +132,9 @@ class Mapper:
 
         with ui.element("div").classes("wb-card w-full"):
             with ui.row().classes("items-center gap-3 w-full"):
-                ui.label(name).classes("font-semibold")
-                ui.label(f"{self._files[name]['samples']:,} samples").classes("wb-quiet")
-                use = ui.toggle(USES, value=entries["use"]).props("dense no-caps unelevated size=sm")
-                use.on_value_change(lambda e: change("use", e.value))
+                Strong(name)
+                Quiet(f"{self._files[name]['samples']:,} samples")
+                Toggle(USES, value=entries["use"], on_change=lambda e: change("use", e.value))
             with ui.row().classes("gap-2"):
                 fields = {}
                 for key in (*CONDITIONS[self._rig], "start", "window"):
@@ -155,7 +145,7 @@ class Mapper:
             self._fields[name] = fields
             self._offers[name] = ui.row().classes("items-center gap-2").props("data-mark=offer")
             for line, sentence in self._files[name]["remarks"][:MAX_REMARKS]:
-                ui.label(f"line {line}: {sentence}" if line else sentence).classes("wb-quiet")
+                Quiet(f"line {line}: {sentence}" if line else sentence)
 
     def _show_offer(self, name: str, wanted: tuple[str, ...]) -> None:
         """Offer what a record says on how its run was driven, where that is not written already."""
@@ -175,7 +165,7 @@ class Mapper:
 
         with row:
             ui.label(f"The record says {' and '.join(found.values())}, as read from {sine['column']}.")
-            ui.button("Use", on_click=use).props("no-caps flat dense").props["aria-label"] = f"use for {name}"
+            Button("Use", on_click=use).props["aria-label"] = f"use for {name}"
 
     def _draft(self) -> CampaignDraft:
         columns = [

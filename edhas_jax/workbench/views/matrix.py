@@ -1,11 +1,12 @@
 """The matrix of errors: runs × signals, coloured as in the reports."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 
 from nicegui import ui
 
+from edhas_jax.measurements.residual_matrix import error_text
 from edhas_jax.workbench.figures import error_colour
+from edhas_jax.workbench.views.table import cell
 
 WORSE = 1.05  # factor on a residual over noise; that of a few hundred samples scatters by less from model to model
 
@@ -28,8 +29,7 @@ def error_matrix(
     with ui.element("div").classes("wb-scroll"), ui.element("table").classes(kind).props("data-mark=matrix"):
         with ui.element("thead"), ui.element("tr"):
             for name in ("run", *signals, *([] if is_small else ["conditions"])):
-                with ui.element("th").props("scope=col"):
-                    ui.label(name.replace("_", " "))
+                cell(name.replace("_", " "), tag="th").parent_slot.parent.props("scope=col")
         with ui.element("tbody"):
             for run, row in matrix.items():
                 with ui.element("tr"):
@@ -41,8 +41,7 @@ def error_matrix(
                         old = (before or {}).get(run, {}).get(signal)
                         _cell(run, signal, row.get(signal), on_click, old, is_small)
                     if not is_small:
-                        with ui.element("td").classes("note wb-quiet"):
-                            ui.label(notes.get(run, ""))
+                        cell(notes.get(run, ""), "note wb-quiet")
 
 
 def matrix_rows(matrices: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[tuple]:
@@ -66,7 +65,7 @@ def _cell(
         button.props["aria-label"] = f"{run}, {signal}: {value:.2f} times the noise" + (
             f", worse than {before:.2f} before" if is_worse else ""
         )
-        text = _number(value) if is_small or before is None else f"{_number(before)} → {_number(value)}"
+        text = error_text(value) if is_small or before is None else f"{error_text(before)} → {error_text(value)}"
         with button:
             ui.label(f"▲ {text}" if is_worse else text)
         if is_worse:
@@ -75,9 +74,3 @@ def _cell(
             button.on("click", lambda _: on_click(run, signal))
         else:
             button.props("disabled").style("cursor: default")
-
-
-def _number(value: float) -> str:
-    if not math.isfinite(value):
-        return "fails"
-    return f"{value:.2f}" if value < 10 else f"{value:.0f}"

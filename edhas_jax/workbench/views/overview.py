@@ -9,6 +9,7 @@ from nicegui import ui
 from edhas_jax.measurements.fitted_model import BENCH_CORRECTED
 from edhas_jax.workbench.calculator import CalculationCancelled, CalculationError
 from edhas_jax.workbench.figures import staircase_figure, traces_figure
+from edhas_jax.workbench.views.elements import Button, Head, Quiet, Strong
 from edhas_jax.workbench.views.matrix import error_matrix, matrix_rows
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.views.save import save_button, save_csv
@@ -35,23 +36,22 @@ class OverviewView:
         with ui.element("div").classes("wb-two wb-glance"):
             with ui.column().classes("gap-1 w-full"):
                 with ui.row().classes("items-center gap-1"):
-                    ui.label("Residual over noise by run and signal").classes("wb-h")
+                    Head("Residual over noise by run and signal")
                     formats = {s.upper(): lambda s=s: self._save_picture(s) for s in ("png", "svg")}
                     save_button("matrices", formats | {"CSV": self._save_csv})
-                self._note = ui.label().classes("wb-quiet")
+                self._note = Quiet()
                 self._matrices = ui.row().classes("gap-x-3 gap-y-3 items-start")
             with ui.column().classes("gap-0 w-full"):
-                ui.label("Residual over noise after each stage").classes("wb-h")
-                self._of_stages = ui.label().classes("wb-quiet").props("data-mark=stages")
+                Head("Residual over noise after each stage")
+                self._of_stages = Quiet().props("data-mark=stages")
                 self._staircase = Plot("staircase", samples=self._staircase_rows)
             with ui.column().classes("gap-0 w-full"):
                 with ui.row().classes("items-center gap-3"):
-                    self._title = ui.label().classes("wb-h").props("data-mark=overlaid")
-                    more = ui.button("Compare", on_click=lambda: self._page.go(view="Compare"))
-                    more.props("no-caps flat dense icon=show_chart")
+                    self._title = Head().props("data-mark=overlaid")
+                    Button("Compare", on_click=lambda: self._page.go(view="Compare"), icon="show_chart")
                 self._plot = Plot("overlay", samples=self._samples)
             with ui.column().classes("gap-0 w-full"):
-                ui.label("Where something is missing").classes("wb-h")
+                Head("Where something is missing")
                 self._schematic = Schematic(self._page, lambda part: self._page.go(view="Machine", part=part))
         await self.refresh()
 
@@ -83,12 +83,6 @@ class OverviewView:
         else:
             self._staircase.hide()
 
-    async def redraw(self) -> None:
-        """Draw the plots again, in the colours of the page."""
-        await self.show_progress()
-        async with self._turn:
-            await self._overlay()
-
     async def _compare(self) -> None:
         """Compare the first, the calibrated and the last model, if one of them has changed."""
         page = self._page
@@ -97,15 +91,10 @@ class OverviewView:
         of = models, written, page.readings
         if of == self._of:
             return
-        self._of, found, notes = of, {}, []
-        if page.summary is None:
-            notes = page.problems or ["There is no campaign in this folder yet. Begin in the view “Data”."]
-            models = {}
-        for stage, model in models.items():
+        self._of, found, notes = of, {}, page.missing
+        for stage, model in () if notes else models.items():
             try:
-                found[stage] = await page.session.calculator.call(
-                    "campaign.compare", model, REPLAY, page.session.allowed, say=page.say
-                )
+                found[stage] = await page.session.calculator.call("campaign.compare", model, REPLAY, say=page.say)
             except (CalculationError, CalculationCancelled) as error:
                 notes.append(f"{stage}: {error or 'cancelled'}")
         page.say("")
@@ -122,7 +111,7 @@ class OverviewView:
         with self._matrices:
             for stage, found in self._found.items():
                 with ui.column().classes("gap-0").props(f"data-mark='matrix-{stage.strip('+ ')}'"):
-                    ui.label(stage.replace("_", " ")).classes("font-semibold")
+                    Strong(stage.replace("_", " "))
                     error_matrix(found["matrix"], list(found["signals"]), self._page.summary["conditions"],
                                  self._click_cell, before, is_small=True)  # fmt: skip
                 before = found["matrix"]
@@ -163,8 +152,8 @@ class OverviewView:
         if (cell, page.dark) == self._overlaid:
             return
         self._title.set_text("The worst signal" if cell == self._worst_cell() else "The chosen signal")
-        panels = await page.ask("campaign.traces", self._overlaid_models(), REPLAY, page.session.allowed, [cell],
-                                *EVERYTHING, INTERVALS)  # fmt: skip
+        of = self._overlaid_models(), REPLAY, [cell], *EVERYTHING, INTERVALS
+        panels = await page.ask("campaign.traces", *of)
         if panels:
             stages = {model: stage for stage, model in page.standing().models.items()}
             panels = [p | {"models": {stages.get(n, n): m for n, m in p["models"].items()}} for p in panels]
@@ -179,8 +168,7 @@ class OverviewView:
 
     async def _samples(self) -> list[list] | None:
         run, signal = self._overlaid_cell()
-        return await self._page.ask("campaign.samples", self._overlaid_models(), REPLAY, self._page.session.allowed,
-                                    run, [signal])  # fmt: skip
+        return await self._page.ask("campaign.samples", self._overlaid_models(), REPLAY, run, [signal])
 
     async def _staircase_rows(self) -> list[tuple]:
         now = self._page.standing()

@@ -7,8 +7,9 @@ from typing import Any
 from nicegui import ui
 
 from edhas_jax.core.units import estimate_text, format_quantity
+from edhas_jax.workbench.views.elements import Button, Choice, Head, Quiet
 from edhas_jax.workbench.views.save import csv_button
-from edhas_jax.workbench.views.table import ChoiceTables, check_box, field_table, text_field
+from edhas_jax.workbench.views.table import ChoiceTables, cell, check_box, field_table, text_field
 from edhas_jax.workbench.workspace import CALIBRATED
 
 FIELDS = {"value": "initial value", "prior": "prior", "min": "min", "max": "max"}
@@ -37,7 +38,7 @@ class Parameters(ChoiceTables):
             return
         with self._body:
             with ui.row().classes("items-center gap-1"):
-                ui.label("Parameters").classes("wb-h")
+                Head("Parameters")
                 csv_button("parameters", self._csv)
             with field_table(*HEADS):
                 for name in names:
@@ -46,10 +47,10 @@ class Parameters(ChoiceTables):
                         self._build_row(name)
             with ui.row().classes("items-end gap-3"):
                 others = {n: f"{n.replace('_', ' ')} = {v}" for n, v in self._others().items() if n not in names}
-                self._more = ui.select(others, label="another parameter of the machine", with_input=True)
-                self._more.classes("min-w-72").props("dense options-dense outlined")
-                ui.button("Free it", on_click=self._free_another).props("no-caps flat dense icon=add")
-            ui.label(NOTES).classes("wb-quiet")
+                self._more = Choice(others, label="another parameter of the machine", with_input=True)
+                self._more.classes("min-w-80")
+                Button("Free it", on_click=self._free_another, icon="add")
+            Quiet(NOTES)
 
     def show_limits(self, limits: Mapping[str, Sequence[str]]) -> None:
         """Show in empty fields between which values parameters are sought with what is chosen now."""
@@ -84,8 +85,7 @@ class Parameters(ChoiceTables):
             else:
                 remove = ui.button(icon="close", on_click=lambda: self._remove(name)).props("flat round dense size=sm")
                 remove.props["aria-label"] = f"do not free {title}"
-        with ui.element("td"):
-            ui.label(title)
+        cell(title)
         for key, head in FIELDS.items():
             with ui.element("td"):
                 field = text_field(f"{head} of {title}", _field_text(row.get(key)), hints[key], self._choose, name)
@@ -93,11 +93,9 @@ class Parameters(ChoiceTables):
                 fields[key] = field
         self._fields[name] = fields
         estimate, moved, like, is_at_limit = self._found(name)
-        for text in (estimate, moved, like):
-            with ui.element("td"):
-                label = ui.label(text)
-                if text == estimate and is_at_limit:
-                    label.classes("wb-chip wb-bad")
+        cell(estimate).classes("wb-chip wb-bad" if is_at_limit else "")
+        cell(moved)
+        cell(like)
 
     def _hints(self, name: str) -> dict[str, str]:
         """What the campaign says, for empty fields."""

@@ -37,7 +37,9 @@ class Plot:
         self.element: ui.plotly | None = None
 
     def show(self, figure: Mapping[str, Any]) -> None:
-        """Draw a figure, in place of the last one."""
+        """Draw a figure, in place of the last one; nothing where the view was built anew while it was calculated."""
+        if self._place.is_deleted:  # what is added to it would stay in memory
+            return
         self._figure = dict(figure)
         height = f"height: {figure['layout']['height']:.0f}px"  # which Plotly forgets where the window changes its size
         if self.element is not None:

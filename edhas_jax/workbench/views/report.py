@@ -6,6 +6,7 @@ from pathlib import Path
 
 from nicegui import ui
 
+from edhas_jax.workbench.views.elements import Block, Button, Head, Quiet, Strong
 from edhas_jax.workbench.workspace import CALIBRATED, DIAGNOSED, RESULTS
 
 REPORTS = {"diagnosis": DIAGNOSED, "calibration": CALIBRATED, "comparison": "compared"}
@@ -19,12 +20,11 @@ class ReportView:
 
     async def build(self) -> None:
         """Build the view."""
-        ui.label("Next experiment").classes("wb-h")
+        Head("Next experiment")
         self._next = ui.column().classes("gap-1")
-        ui.label("Reports").classes("wb-h mt-4")
-        ui.label("One HTML file each, with its figures in it: send the file.").classes("wb-quiet")
-        pack = ui.button("Campaign and results as one file", on_click=self._pack)
-        pack.props("no-caps flat dense icon=archive")
+        Head("Reports").classes("mt-4")
+        Quiet("One HTML file each, with its figures in it: send the file.")
+        pack = Button("Campaign and results as one file", on_click=self._pack, icon="archive")
         pack.tooltip("a ZIP file; `edhas workbench` on the unpacked folder opens on the same run and signal")
         self._list = ui.column().classes("gap-1 w-full")
         self._frame = ui.column().classes("w-full mt-3")
@@ -34,23 +34,23 @@ class ReportView:
         """Follow the folder."""
         self._show_next()
         self._list.clear()
-        found = {}
-        for name, folder in REPORTS.items():
-            path = self._page.workspace.inside(Path(RESULTS, folder, "report.html"))
-            if path.is_file():
-                found[name] = path
+        inside = self._page.workspace.inside
+        paths = {name: inside(Path(RESULTS, folder, "report.html")) for name, folder in REPORTS.items()}
+        found = {name: path for name, path in paths.items() if path.is_file()}
         with self._list:
             if not found:
                 ui.label("None yet: calibrate, diagnose, or let “Compare” write one.")
             for name, path in found.items():
                 with ui.row().classes("items-center gap-3"):
-                    ui.label(name).classes("font-semibold min-w-28")
-                    ui.label(f"{RESULTS}/{REPORTS[name]}/report.html").classes("wb-quiet")
-                    ui.label(f"{path.stat().st_size / 1e6:.2f} MB").classes("wb-quiet gt-xs")
-                    ui.button("Show", on_click=lambda _, name=name: self._show(name)).props("no-caps flat dense")
+                    Strong(name).classes("min-w-28")
+                    Quiet(f"{RESULTS}/{REPORTS[name]}/report.html")
+                    Quiet(f"{path.stat().st_size / 1e6:.2f} MB").classes("gt-xs")
+                    Button("Show", on_click=lambda _, name=name: self._show(name))
                     ui.link("Open", self._address(name), new_tab=True)
         if found and self._shown not in found:
             self._show(next(iter(found)))
+        if self._frame.default_slot.children:  # it follows the colours of the page
+            self._frame.default_slot.children[0].style(replace=self._colours())
 
     def _pack(self) -> None:
         """Hand the browser everything, to be opened with the run, signal and model of this page."""
@@ -60,28 +60,21 @@ class ReportView:
         if packed is not None:
             ui.download.content(packed, f"{workspace.folder.name}.zip")
 
-    async def redraw(self) -> None:
-        """Show the report that is in front in the colours of the page."""
-        if self._frame.default_slot.children:
-            self._frame.default_slot.children[0].style(replace=self._colours())
-
     def _show_next(self) -> None:
         diagnosis = self._page.workspace.result(DIAGNOSED)
         experiment = None if diagnosis is None else diagnosis.get("next_experiment")
         self._next.clear()
         with self._next.props("data-mark=next"):
             if diagnosis is None:
-                ui.label("A diagnosis says which run would decide between the suspects that remain.").classes(
-                    "wb-quiet"
-                )
+                Quiet("A diagnosis says which run would decide between the suspects that remain.")
             elif experiment is None:
                 ui.label("No run is needed: there are no rivals that a run would have to distinguish.")
             else:
                 ui.label(experiment["sentence"])
                 words = [f"{name}: {text}" for name, text in experiment["conditions"].items()]
                 words = ["file: next_run.csv", "use: fit", *words]
-                ui.label("Its entry in campaign.yaml, once it is measured:").classes("wb-quiet")
-                ui.label(f"  - {{{', '.join(words)}}}").classes("wb-block")
+                Quiet("Its entry in campaign.yaml, once it is measured:")
+                Block(f"  - {{{', '.join(words)}}}")
 
     def _address(self, name: str) -> str:
         return f"/results/{urllib.parse.quote(REPORTS[name])}/report.html"

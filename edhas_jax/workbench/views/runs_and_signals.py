@@ -5,7 +5,9 @@ from typing import Any
 
 from nicegui import ui
 
-from edhas_jax.workbench.views.table import ChoiceTables, check_box, field_table, text_field
+from edhas_jax.core.units import unit_text
+from edhas_jax.workbench.views.elements import Head, Quiet
+from edhas_jax.workbench.views.table import ChoiceTables, cell, check_box, field_table, text_field
 
 NOTES = (
     "Runs that are not fitted are held out. Of a run with a time window only the samples in it are used; it is "
@@ -29,13 +31,13 @@ class RunsAndSignals(ChoiceTables):
         self._fitted, self._windows, self._used, self._factors = {}, {}, {}, {}
         with self._body, ui.element("div").classes("wb-two"):
             with ui.column().classes("gap-1"):
-                ui.label("Runs").classes("wb-h")
+                Head("Runs")
                 self._build_runs(summary)
             with ui.column().classes("gap-1"):
-                ui.label("Signals").classes("wb-h")
+                Head("Signals")
                 self._build_signals(summary)
         with self._body:
-            ui.label(NOTES).classes("wb-quiet")
+            Quiet(NOTES)
 
     def _state(self) -> tuple:
         chosen = self._page.session.choices.read()
@@ -51,8 +53,7 @@ class RunsAndSignals(ChoiceTables):
                 with ui.element("tr"):
                     with ui.element("td"):
                         self._fitted[name] = check_box(f"{name} is fitted", name in fitted, self._choose_runs)
-                    with ui.element("td"):
-                        ui.label(name)
+                    cell(name)
                     window = chosen.get("windows", {}).get(name) or ("", "")
                     hints = "0 s", f"{run['end']:.4g} s"
                     fields = []
@@ -60,8 +61,7 @@ class RunsAndSignals(ChoiceTables):
                         with ui.element("td"):
                             fields.append(text_field(f"{what} time of {name}", text, hint, self._choose_window, name))
                     self._windows[name] = tuple(fields)
-                    with ui.element("td").classes("wb-quiet"):
-                        ui.label(summary["conditions"].get(name, ""))
+                    cell(summary["conditions"].get(name, ""), "wb-quiet")
 
     def _build_signals(self, summary: dict[str, Any]) -> None:
         chosen = self._page.session.choices.read().get("signals")
@@ -72,15 +72,13 @@ class RunsAndSignals(ChoiceTables):
                 with ui.element("tr"):
                     with ui.element("td"):
                         self._used[name] = check_box(f"{title} is used", is_used, self._choose_signals)
-                    with ui.element("td"):
-                        ui.label(title)
+                    cell(title)
                     with ui.element("td"):
                         factor = str((chosen or {}).get(name, ""))
                         factor = "" if factor in ("1", "1.0") else factor
                         field = text_field(f"factor on the noise of {title}", factor, "1", self._choose_signals)
                         self._factors[name] = field
-                    with ui.element("td"):
-                        ui.label(f"{summary['noise'][name]:.4g} {unit}")
+                    cell(f"{summary['noise'][name]:.4g} {unit_text(unit)}")
 
     async def _choose_runs(self) -> None:
         usual = [n for n, run in self._page.summary["runs"].items() if run["use"] == "fit"]

@@ -4,6 +4,8 @@ import datetime
 
 from nicegui import ui
 
+from edhas_jax.workbench.views.elements import Block, Head, Quiet, Strong
+
 
 class StepsView:
     """The list of steps, the last one on top."""
@@ -13,10 +15,8 @@ class StepsView:
 
     async def build(self) -> None:
         """Build the view."""
-        ui.label("What was done here").classes("wb-h")
-        ui.label("Each step can be done again in a terminal, or in Python after `import edhas_jax as edhas`.").classes(
-            "wb-quiet"
-        )
+        Head("What was done here")
+        Quiet("Each step can be done again in a terminal, or in Python after `import edhas_jax as edhas`.")
         self._body = ui.column().classes("w-full gap-4 mt-3")
         await self.refresh()
 
@@ -27,9 +27,7 @@ class StepsView:
             for step in reversed(self._page.workspace.steps()):
                 with ui.column().classes("w-full gap-1"):
                     when = datetime.datetime.fromtimestamp(step.at).strftime("%Y-%m-%d %H:%M")
-                    ui.label(f"{step.what} · {when}").classes("font-semibold")
-                    ui.label(step.command).classes("wb-block")
-                    ui.label(step.python).classes("wb-block")
+                    Strong(f"{step.what} · {when}")
+                    Block(step.command)
+                    Block(step.python)
 
-    async def redraw(self) -> None:
-        """Nothing to draw."""

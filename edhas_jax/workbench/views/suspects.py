@@ -10,6 +10,7 @@ from edhas_jax.diagnosis.report.conclusions import Outcome
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.workbench.standing import is_of_present_inputs, sizes_text
+from edhas_jax.workbench.views.elements import Button, Choice, Head, MainButton, Quiet, Strong, dialog
 from edhas_jax.workbench.views.law_curve import show_law_curve
 from edhas_jax.workbench.views.matrix import error_matrix
 from edhas_jax.workbench.workspace import DIAGNOSED, effect_id
@@ -28,13 +29,13 @@ class Suspects:
 
     def __init__(self, page, on_change: Callable[[], Awaitable[None]]):
         self._page, self._on_change = page, on_change
-        ui.label("Suspects").classes("wb-h mt-4")
+        Head("Suspects").classes("mt-4")
         with ui.row().classes("items-end gap-3"):
-            self._effect = ui.select({}, label="any effect of the library", with_input=True).classes("min-w-64")
-            self._effect.props("dense options-dense outlined")
-            ui.button("Try it", on_click=lambda: self._try(self._effect.value)).props("no-caps flat dense icon=science")
-            self._own = ui.input("an effect of your own, FILE.py:Class").props("dense outlined").classes("min-w-64")
-            ui.button("Try your own", on_click=self._try_own).props("no-caps flat dense icon=science")
+            with ui.row().classes("items-end gap-3") as self._of_library:
+                self._effect = Choice({}, label="any effect of the library", with_input=True).classes("min-w-64")
+                Button("Try it", on_click=lambda: self._try(self._effect.value), icon="science")
+            self._own = ui.input("an effect of your own, FILE.py:Class").props("dense outlined").classes("min-w-72")
+            Button("Try your own", on_click=self._try_own, icon="science")
         self._cards = ui.element("div").classes("wb-cards mt-3")
         self._shown: Any = None  # all that the cards are made of
 
@@ -48,7 +49,8 @@ class Suspects:
         if summary is not None:
             names = {slot["name"] for slot in summary["slots"]}
             free = [k.id for k in LIBRARY if {s.name for s in k.slots} <= names and k.id not in summary["effects"]]
-            self._effect.set_options({name: name.replace("_", " ") for name in free}, value=self._effect.value)
+            self._effect.follow({name: name.replace("_", " ") for name in free}, self._effect.value)
+            self._of_library.set_visibility(bool(free))
         tried = workspace.tried()
         is_present = [is_of_present_inputs(workspace, row) for row in tried.values()]
         shown = rows, decisions, tried, is_present, summary
@@ -60,7 +62,7 @@ class Suspects:
             for name, row in rows.items():
                 self._card(name, row, decisions)
             if not rows:
-                ui.label("None yet: diagnose, or try any effect.").classes("wb-quiet")
+                Quiet("None yet: diagnose, or try any effect.")
 
     def _tried_alone(self) -> list[str]:
         """The names of effects that were tried in addition to those that are in the model."""
@@ -77,21 +79,21 @@ class Suspects:
             card.classes("wb-grey")
         with card:
             with ui.row().classes("items-center w-full no-wrap"):
-                ui.label(name.replace("_", " ")).classes("font-semibold")
+                Strong(effect_id(name).replace("_", " ")).classes("wb-wrap")
                 ui.space()
                 if name in decisions.added:
-                    ui.label("in the model").classes("wb-chip wb-good")
+                    ui.label("in the model").classes("wb-chip wb-good whitespace-nowrap")
                 elif name in decisions.rejected:
-                    ui.label("rejected").classes("wb-chip wb-bad")
+                    ui.label("rejected").classes("wb-chip wb-bad whitespace-nowrap")
                 elif row.get("probability") is not None:
                     ui.label(status_text(row)).classes("wb-chip")
             place = "sensor" if is_sensor else row.get("slot") or (kind.slots[0].location if kind else "")
-            summary = f"a fault of the sensor of {row['signal'].replace('_', ' ')}" if is_sensor else _summary(kind)
-            ui.label(f"{place.replace('_', ' ')} · {summary}" if place else summary).classes("wb-quiet")
+            summary = _summary(kind, name, row)
+            Quiet(f"{place.replace('_', ' ')} · {summary}" if place else summary)
             if tried is None:  # one size is shown, that of the present model where it was fitted
                 self._found(row)
             if kind is not None and kind.looks_like:
-                ui.label(f"Looks like: {kind.looks_like}").classes("wb-quiet")
+                Quiet(f"Looks like: {kind.looks_like}")
             if name in decisions.rejected:
                 ui.label(f"Rejected: {decisions.rejected[name]}")
             self._tried_matrix(tried)
@@ -117,13 +119,10 @@ class Suspects:
         old, new = found["before"]["error"], found["error"]
         for use, title in (("fit", "runs used"), ("holdout", "runs not used")):
             if new.get(use) is not None:
-                ui.label(f"{title}: {old[use]:.2f} → {new[use]:.2f}").classes("font-semibold").props(
-                    f"data-mark=tried-{use}"
-                )
+                Strong(f"{title}: {old[use]:.2f} → {new[use]:.2f}").props(f"data-mark=tried-{use}")
         ui.label(sizes_text(found["parameters"]).replace("_", " "))
-        notes = {
-            run: "not used" if row["use"] == "holdout" else "used" for run, row in self._page.summary["runs"].items()
-        }
+        runs = self._page.summary["runs"].items()
+        notes = {run: "not used" if row["use"] == "holdout" else "used" for run, row in runs}
         with ui.expansion("what falls where").classes("w-full").props("dense"):
             error_matrix(found["error_by_run"], list(self._page.summary["signals"]), notes,
                          before=found["before"]["error_by_run"])  # fmt: skip
@@ -131,27 +130,22 @@ class Suspects:
     def _buttons(self, name: str, is_sensor: bool, decisions, tried: dict[str, Any] | None) -> None:
         with ui.row().classes("gap-1 mt-auto"):
             if is_sensor:
-                ui.label("Not a part of the machine: correct the sensor or its column.").classes("wb-quiet")
+                Quiet("Not a part of the machine: correct the sensor or its column.")
             elif name in decisions.added:
-                ui.button("Take out", on_click=lambda: self._change(self._page.session.remove, name)).props(
-                    "no-caps flat dense"
-                )
-                ui.button("Compare", on_click=lambda: self._compare(name)).props("no-caps flat dense icon=show_chart")
+                Button("Take out", on_click=lambda: self._decide(name))
+                model = f"with {self._chain_name(name, decisions)}"
+                Button("Compare", on_click=lambda: self._page.go(view="Compare", model=model), icon="show_chart")
             else:
-                ui.button("Try", on_click=lambda: self._try(name)).props("no-caps flat dense icon=science")
-                ui.button("Add", on_click=lambda: self._add(name)).props("no-caps flat dense icon=add")
+                Button("Try", on_click=lambda: self._try(name), icon="science")
+                Button("Add", on_click=lambda: self._add(name), icon="add")
             if name in decisions.added and tried is not None and not is_of_present_inputs(self._page.workspace, tried):
-                ui.button("Try again", on_click=lambda: self._try(name)).props("no-caps flat dense icon=science")
+                Button("Try again", on_click=lambda: self._try(name), icon="science")
             if tried is not None and not is_sensor:
-                ui.button("Law", on_click=lambda: show_law_curve(self._page, tried["named"])).props(
-                    "no-caps flat dense"
-                )
+                Button("Law", on_click=lambda: show_law_curve(self._page, tried["named"]))
             if name in decisions.rejected:
-                ui.button("Reconsider", on_click=lambda: self._change(self._page.session.reconsider, name)).props(
-                    "no-caps flat dense"
-                )
+                Button("Reconsider", on_click=lambda: self._decide(name))
             elif name not in decisions.added:
-                ui.button("Reject", on_click=lambda: self._ask_reason(name)).props("no-caps flat dense icon=block")
+                Button("Reject", on_click=lambda: self._ask_reason(name), icon="block")
 
     def _chain(self, name: str, decisions) -> list[str]:
         added = [n for n in decisions.added if n != name]
@@ -167,12 +161,11 @@ class Suspects:
         if not name:
             self._page.tell("Choose an effect first.")
             return False
-        if self._page.summary is None:
-            self._page.tell("There is no campaign in this folder yet: bring data first.")
+        if not self._page.has_campaign():
             return False
         chain = self._chain(name, self._page.workspace.decisions())
         began = time.perf_counter()
-        found = await self._page.ask("campaign.try_effects", chain, self._page.session.allowed)
+        found = await self._page.ask("campaign.try_effects", chain)
         if found is None:
             return False
         session = self._page.session
@@ -187,31 +180,24 @@ class Suspects:
         is_present = found is not None and is_of_present_inputs(self._page.workspace, found)
         if not is_present and not await self._try(name):
             return
-        await self._change(self._page.session.add, name)
+        await self._decide(name, is_added=True)
 
-    async def _change(self, change, *arguments) -> None:
-        self._page.attempt(lambda: change(*arguments))
+    async def _decide(self, name: str, **decision: Any) -> None:
+        self._page.attempt(lambda: self._page.session.decide(name, **decision))
         self._page.show_state()
         await self._on_change()
 
-    async def _compare(self, name: str) -> None:
-        model = f"with {self._chain_name(name, self._page.workspace.decisions())}"
-        await self._page.go(view="Compare", model=model)
-
     def _ask_reason(self, name: str) -> None:
-        with self._page.floor, ui.dialog() as dialog, ui.card():
-            ui.label(f"Why is it not {name.replace('_', ' ')}?").classes("font-semibold")
+        with dialog(self._page, f"Why is it not {name.replace('_', ' ')}?") as asked:
             reason = ui.input("reason, which is remembered").classes("w-80")
 
             async def reject() -> None:
-                dialog.close()
-                await self._change(self._page.session.reject, name, reason.value.strip() or "no reason given")
+                asked.close()
+                await self._decide(name, reason=reason.value.strip() or "no reason given")
 
             with ui.row():
-                ui.button("Reject", on_click=reject).props("no-caps unelevated")
-                ui.button("Keep", on_click=dialog.close).props("no-caps flat")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+                MainButton("Reject", on_click=reject)
+                Button("Keep", on_click=asked.close)
 
     def _try_own(self) -> None:
         """Ask before code of a file runs; the click names the file."""
@@ -228,20 +214,17 @@ class Suspects:
         if not path.is_file():
             self._page.tell(f"{source}: no such file in {self._page.workspace.folder.name}")
             return
-        with self._page.floor, ui.dialog() as dialog, ui.card():
-            ui.label(f"{source} is Python code that will run on this computer.").classes("font-semibold")
-            ui.label("Read it first. It may run until the workbench ends.").classes("wb-quiet")
+        with dialog(self._page, f"{source} is Python code that will run on this computer.") as asked:
+            Quiet("Read it first. It may run until the workbench ends.")
 
             async def run() -> None:
-                dialog.close()
+                asked.close()
                 self._page.attempt(lambda: self._page.session.allow(spec))
-                await self._try(f"{path}:{name}")
+                await self._try(f"{path.relative_to(self._page.workspace.folder)}:{name}")
 
             with ui.row():
-                ui.button(f"Run {source}", on_click=run).props("no-caps unelevated")
-                ui.button("Do not run it", on_click=dialog.close).props("no-caps flat")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+                MainButton(f"Run {source}", on_click=run)
+                Button("Do not run it", on_click=asked.close)
 
 
 def candidate_name(row: dict[str, Any]) -> str:
@@ -262,5 +245,7 @@ def is_quiet(row: dict[str, Any]) -> bool:
     return row.get("outcome") not in {o.value for o in Outcome if not o.is_quiet}
 
 
-def _summary(kind) -> str:
-    return "" if kind is None else (kind.__doc__ or "").strip().splitlines()[0]
+def _summary(kind, name: str, row: dict[str, Any]) -> str:
+    if row.get("signal"):
+        return f"a fault of the sensor of {row['signal'].replace('_', ' ')}"
+    return f"an effect of your own, {name}" if kind is None else (kind.__doc__ or "").strip().splitlines()[0]

@@ -1,19 +1,19 @@
 """A sweep over two parameters of a design: heat map of a metric, Pareto front, a click on a cell shows its cycle."""
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from nicegui import ui
 
-from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.chart import Chart, Curve, Style, Tone
-from edhas_jax.core.literal_text import yaml_text
 from edhas_jax.core.units import exact_quantity
-from edhas_jax.workbench.figure_parts import chart_figure
+from edhas_jax.workbench.figure_parts import chart_figure, title_of
 from edhas_jax.workbench.figures import heat_map_figure
 from edhas_jax.workbench.jobs import DONE, RUNNING, Job
+from edhas_jax.workbench.views.elements import Choice, Head, MainButton
 from edhas_jax.workbench.views.plot import Plot
 from edhas_jax.workbench.workspace import DESIGNS, RESULTS
 
@@ -37,21 +37,20 @@ class SweepPanel:
         self._page, self._opened, self._values, self._on_design = page, opened, values, on_design
         self._sweep: dict[str, Any] | None = None
         last = page.session.jobs.last("sweep")
-        self._seen, self._known = 0, 0 if last is None else last.number
+        self._seen, self._known = (0, False), 0 if last is None else last.number
 
     def _parameter(self, name: str) -> dict[str, Any]:
         return next(row for row in self._opened["parameters"] if row["name"] == name)
 
-    async def refresh(self) -> None:
-        """Show the result of a sweep that has ended."""
-        job = self._page.session.jobs.last("sweep")
-        if job is not None and job.status != RUNNING and job.number != self._seen:
-            self._seen = job.number
-            await self._show_sweep(job)
+    def _text(self, name: str, value: float) -> str:
+        return exact_quantity(value, self._parameter(name)["unit"])
 
-    def redraw(self) -> None:
-        """Draw the plots again, in the colours of the page."""
-        self._draw_heat_map()
+    async def refresh(self) -> None:
+        """Show the result of a sweep that has ended, in the colours of the page."""
+        job = self._page.session.jobs.last("sweep")
+        if job is not None and job.status != RUNNING and (job.number, self._page.dark) != self._seen:
+            self._seen = job.number, self._page.dark
+            await self._show_sweep(job)
 
     def build(self, ranged: Mapping[str, str], first: list[str]) -> None:
         """Build the panel.
@@ -61,19 +60,15 @@ class SweepPanel:
             first: parameters that are proposed.
         """
         defaults = [*first, *ranged]
-        ui.label("A metric over two parameters").classes("wb-h")
+        Head("A metric over two parameters")
         with ui.row().classes("items-end gap-3"):
-            self._x = ui.select(ranged, value=defaults[0], label="horizontal", with_input=True).classes("min-w-48")
-            self._y = ui.select(
-                ranged, value=defaults[2 if len(defaults) > 2 else 1], label="vertical", with_input=True
-            )
-            self._y.classes("min-w-48")
-            metrics = self._opened["metrics"]
-            self._metric = ui.select(metrics, value=metrics[0], label="metric").classes("min-w-44")
-            for field in (self._x, self._y, self._metric):
-                field.props("dense options-dense outlined")
-            self._metric.on_value_change(lambda _: self._draw_heat_map())
-            ui.button(f"Sweep {GRID} × {GRID}", on_click=self._start_sweep).props("no-caps unelevated")
+            vertical = defaults[2 if len(defaults) > 2 else 1]
+            self._x = Choice(ranged, value=defaults[0], label="horizontal", with_input=True).classes("min-w-48")
+            self._y = Choice(ranged, value=vertical, label="vertical", with_input=True).classes("min-w-48")
+            metrics = _titles(self._opened["metrics"])
+            self._metric = Choice(metrics, value=next(iter(metrics)), label="metric", on_change=self._draw_heat_map)
+            self._metric.classes("min-w-44")
+            MainButton(f"Sweep {GRID} × {GRID}", on_click=self._start_sweep)
         with ui.element("div").classes("wb-two"):
             self._heat, self._front = Plot("heat", {"plotly_click": self._click_cell}), Plot("front")
 
@@ -81,27 +76,20 @@ class SweepPanel:
         if self._x.value == self._y.value:
             self._page.tell("Choose two different parameters.")
             return
-        workspace = self._page.workspace
-        lines = [f"base: {yaml_text(str(workspace.inside(self._opened['file'])))}"]
-        if self._values:
-            lines.append("parameters:")
-            lines += [f"  {n}: {exact_quantity(v, self._parameter(n)['unit'])}" for n, v in self._values.items()
-                      if n not in (self._x.value, self._y.value)]  # fmt: skip
-            lines = lines[:-1] if lines[-1] == "parameters:" else lines
-        lines += ["sweep:", "  kind: grid", "  parameters:"]
-        for name in (self._x.value, self._y.value):
-            row = self._parameter(name)
-            low, high = (exact_quantity(v, row["unit"]) for v in row["range"])
-            lines.append(f"    {name}: {{from: {low}, to: {high}, count: {GRID}}}")
-        stem = f"{Path(self._opened['file']).stem}_{self._x.value}_{self._y.value}".replace(".", "_")
+        workspace, names = self._page.workspace, (self._x.value, self._y.value)
+        task: dict[str, Any] = {"base": str(workspace.inside(self._opened["file"]))}
+        if held := {n: self._text(n, value) for n, value in self._values.items() if n not in names}:
+            task["parameters"] = held
+        ranges = {name: [self._text(name, end) for end in self._parameter(name)["range"]] for name in names}
+        axes = {name: {"from": low, "to": high, "count": GRID} for name, (low, high) in ranges.items()}
+        task["sweep"] = {"kind": "grid", "parameters": axes}
+        stem = f"{Path(self._opened['file']).stem}_{names[0]}_{names[1]}".replace(".", "_")
         number = 1
         while workspace.inside(Path(RESULTS, DESIGNS, f"{stem}-{number}")).exists():
             number += 1
-        file, folder = Path(RESULTS, DESIGNS, f"{stem}-{number}.yaml"), Path(RESULTS, DESIGNS, f"{stem}-{number}")
-        path = workspace.inside(file)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as temporary:
-            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        folder = Path(RESULTS, DESIGNS, f"{stem}-{number}")
+        file = folder.with_name(f"{folder.name}.yaml")
+        workspace.write(file, yaml.safe_dump(task, sort_keys=False, allow_unicode=True))
         job = self._page.attempt(lambda: self._page.session.run_design_task("sweep", str(file), str(folder)))
         if job is not None:
             self._page.show_state()
@@ -120,9 +108,8 @@ class SweepPanel:
         if len(found["parameters"]) != 2 or len(found["status"]) != GRID**2:
             return  # of another kind; `edhas plot sweep` draws it
         self._sweep = found | {"folder": str(Path(RESULTS, DESIGNS, folder))}
-        metrics = list(found["metrics"])
-        chosen = self._metric.value if self._metric.value in metrics else metrics[0]
-        self._metric.set_options(metrics, value=chosen)
+        metrics = _titles(found["metrics"])
+        self._metric.follow(metrics, self._metric.value, next(iter(metrics)))
         self._draw_heat_map()
         await self._draw_front()
 
@@ -135,7 +122,7 @@ class SweepPanel:
         z = np.full((len(y), len(x)), np.nan)
         at = np.searchsorted(y, sweep["shown"][second]), np.searchsorted(x, sweep["shown"][first])
         z[at] = sweep["shown"][self._metric.value]
-        labels = tuple(self._label(name) for name in (first, second, self._metric.value))
+        labels = tuple(title_of(name, sweep["units"][name]) for name in (first, second, self._metric.value))
         self._heat.show(heat_map_figure(x, y, z, labels, self._page.dark))
 
     async def _draw_front(self) -> None:
@@ -148,17 +135,14 @@ class SweepPanel:
         front = await self._page.ask("design.pareto_front", self._sweep["folder"], first, second, signs)
         if front is None:
             return
-        shown = self._sweep["shown"]
+        shown, units = self._sweep["shown"], self._sweep["units"]
+        titles = (title_of(name, units[name]) for name in (first, second))
         x, y = shown[first], shown[second]
         curves = (
             Curve("designs", x, y, Tone.BESIDE, Style.MARKS),
             Curve("front", x[front], y[front], Tone.MODEL, Style.MARKED),
         )
-        self._front.show(chart_figure(Chart(self._label(first), self._label(second), curves), 380.0, self._page.dark))
-
-    def _label(self, name: str) -> str:
-        unit = self._sweep["units"][name]
-        return name.replace("_", " ") + (f", {unit}" if unit not in ("", "-") else "")
+        self._front.show(chart_figure(Chart(*titles, curves), 380.0, self._page.dark).plain)
 
     async def _click_cell(self, event) -> None:
         """Show the cycle of the design that was clicked."""
@@ -166,10 +150,11 @@ class SweepPanel:
         if not points or self._sweep is None:
             return
         first, second = self._sweep["parameters"][:2]
-        distance = [np.abs(self._sweep["shown"][n] - points[0][axis]) for n, axis in ((first, "x"), (second, "y"))]
-        row = int(
-            np.argmin(
-                distance[0] / np.ptp(self._sweep["shown"][first]) + distance[1] / np.ptp(self._sweep["shown"][second])
-            )
-        )
+        shown = self._sweep["shown"]
+        shares = (np.abs(shown[n] - points[0][along]) / np.ptp(shown[n]) for n, along in ((first, "x"), (second, "y")))
+        row = int(np.argmin(sum(shares)))
         await self._on_design({name: float(self._sweep["si"][name][row]) for name in (first, second)})
+
+
+def _titles(names: Iterable[str]) -> dict[str, str]:
+    return {name: name.replace("_", " ") for name in names}

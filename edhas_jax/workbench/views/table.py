@@ -43,24 +43,32 @@ def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Col
         rows: texts of the cells, row by row.
         numbers: titles of the columns that are aligned as numbers.
     """
-    styles = ["n" if head in numbers else "" for head in heads]
-    with ui.element("div").classes("wb-scroll"), ui.element("table").classes("wb-table"):
-        for tag, texts in [("th", heads), *(("td", row) for row in rows)]:
+    with table_of(*heads, numbers=numbers):
+        for row in rows:
             with ui.element("tr"):
-                for style, text in zip(styles, texts, strict=True):
-                    with ui.element(tag).classes(style):
-                        ui.label(text)
+                for head, text in zip(heads, row, strict=True):
+                    cell(text, "n" if head in numbers else "")
+
+
+def table_of(*heads: str, numbers: Collection[str] = ()) -> ui.element:
+    """A table with titles, whose rows are added inside it."""
+    with ui.element("div").classes("wb-scroll"):
+        table = ui.element("table").classes("wb-table")
+    with table, ui.element("tr"):
+        for head in heads:
+            cell(head, "n" if head in numbers else "", "th")
+    return table
 
 
 def field_table(*heads: str) -> ui.element:
-    """A table with titles, whose rows are added inside it."""
-    with ui.element("div").classes("wb-scroll"):
-        table = ui.element("table").classes("wb-table wb-fields")
-    with table, ui.element("tr"):
-        for head in heads:
-            with ui.element("th"):
-                ui.label(head)
-    return table
+    """A table with titles and with fields, whose rows are added inside it."""
+    return table_of(*heads).classes("wb-fields")
+
+
+def cell(text: str, style: str = "", tag: str = "td") -> ui.label:
+    """Build a cell with a text, which is returned."""
+    with ui.element(tag).classes(style):
+        return ui.label(text)
 
 
 def check_box(label: str, value: bool, on_change: Callable, *arguments: str) -> ui.checkbox:

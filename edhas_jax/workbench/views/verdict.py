@@ -5,6 +5,7 @@ from typing import Any
 from nicegui import ui
 
 from edhas_jax.workbench.standing import Standing
+from edhas_jax.workbench.views.elements import Quiet
 
 NONE_YET = "A diagnosis has not been made yet: it says what is missing, where, and how certain that is."
 
@@ -36,7 +37,7 @@ class Verdict:
         self._body.clear()
         with self._body:
             if not now.verdict:
-                ui.label(NONE_YET).classes("wb-quiet").props("data-mark=no-verdict")
+                Quiet(NONE_YET).props("data-mark=no-verdict")
                 return
             with ui.column().classes("gap-0 wb-verdict" + (" fine" if now.is_fine else "")).props("data-mark=verdict"):
                 for sentence in now.verdict if is_whole else now.verdict[:1]:
