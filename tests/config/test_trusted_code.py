@@ -13,7 +13,7 @@ import pytest
 import edhas_jax as edhas
 from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError, read_config
-from edhas_jax.config.run_folder import ResultFileError
+from edhas_jax.config.result_files import ResultFileError
 from edhas_jax.core.trusted_code import TrustedCode, TrustError
 from edhas_jax.machine.effects import EffectError
 from edhas_jax.machine.effects.loading import load_effect
