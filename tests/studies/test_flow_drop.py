@@ -116,13 +116,12 @@ def test_the_piston_position_does_not_distinguish_the_causes_and_a_chamber_press
     assert best["chamber_pressure_a"] > MIN_DISTANCE > best["piston_position"]
 
 
-def test_a_narrow_line_hides_in_the_damping_at_10_hz(base, rivals, monkeypatch):
-    """R A² of the line is a damping of the plungers: nothing seems to be missing, and the predicted flow is wrong."""
+def test_a_narrow_line_hides_in_the_parameters_at_10_hz(base, rivals, monkeypatch):
+    """They reproduce what it does there: nothing seems to be missing, and the predicted flow is wrong."""
     monkeypatch.setattr(diagnosis, "LIBRARY", (SuctionLineResistance,))
     stage = diagnosis.Stage("10 Hz", diagnosis.RUNS_10_HZ[::3], diagnosis.PAPER_CHANNELS)
     answer = diagnosis.diagnose_bench(base, rivals[1], stage)
     assert answer.diagnosis.verdict is Verdict.ADEQUATE
-    assert answer.damping[0] > 1.2 * answer.damping[1]
     assert answer.flow[0] > 1.3 * answer.flow[1]
 
 

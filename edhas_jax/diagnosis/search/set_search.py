@@ -5,7 +5,8 @@ A set holds effects and sensor faults, and at most one free term for what no lis
 
 The search begins with the empty set. Each round predicts every addition to the best sets, and to the best one without
 one of its members (an exchange), from signatures; refits the most promising ones; and drops members of the best set in
-turn. It ends where nothing is promising, or a round finds no better set: two rounds, where more than noise is left.
+turn. It ends where nothing is promising, or a round finds no better set: above the noise two rounds, or three where
+nothing has been found yet.
 
 A fit begins at the parameters of the set from which it comes. Where that leaves much, and the fit gains less than it
 promised, growing parts of the runs are fitted, because the cost of whole runs then has many minima.
@@ -256,8 +257,8 @@ class SetSearch:
             former, best = best, self.ranked()[0]
             self._report(stage_sentence(f"{BEST}{best}" if best.members else CALIBRATED, best.evaluated))
             without_success = without_success + 1 if best.key == former.key else 0
-            if without_success > (best.excess > 0.0):
-                break  # nothing better in a round; where more than noise is left, in two
+            if without_success > (best.excess > 0.0) * (1 if best.members else 2):
+                break  # nothing better in a round; above the noise in two, or in three where nothing is found yet
         for of in self.sets.values():
             of.log_weight = self.weight.of(of)
         return self.ranked()

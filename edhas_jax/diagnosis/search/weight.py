@@ -31,16 +31,16 @@ class WeightConstants:
         freedoms: α: a misfit that a law leaves has about as many free numbers as two curves.
         expected: named effects that a campaign hides on average, over all candidates together.
         unknown_odds: odds that it hides one that no list has, over all places together.
-        law_error: share of what a set explains: 14 % of its amplitude.
+        law_error: share of what a set explains: 12 % of its amplitude.
         least_error: error of a model with the right effects [nats], because settings, sensors and clocks deviate in
             more ways.
     """
 
     freedoms: float = 20.0
     expected: float = 1.0
-    unknown_odds: float = 0.15
-    law_error: float = 0.02
-    least_error: float = 40.0
+    unknown_odds: float = 0.1
+    law_error: float = 0.015
+    least_error: float = 20.0
 
 
 WEIGHT = WeightConstants()
