@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 
 import edhas_jax
 
-CHECK_FAILED, WRONG_INPUT, NOT_VALID, NOT_CONVERGED = 1, 2, 3, 4  # exit statuses
+CHECK_FAILED, WRONG_INPUT, NOT_VALID, NOT_CONVERGED = 1, 2, 3, 4  # exit status of `edhas`
 EPILOG = (
     "A first run: edhas new pump, then edhas simulate my_pump.yaml. Exit status: 0 done; 1 a check found something; "
     "2 wrong input; 3 the result is not valid; 4 a fit has not converged; 130 interrupted."
 )
-BEGINNINGS = ("pump", "system", "actuator", "rig", "campaign", "sweep", "size", "sensitivity")  # of `edhas new`
+# of `edhas new`
+KINDS_OF_BEGINNINGS = ("pump", "system", "actuator", "rig", "campaign", "sweep", "size", "sensitivity")
 KINDS_OF_FILES = ("machine", "sweep", "size", "sensitivity", "campaign", "law")  # of `edhas schema`
 SHELLS = ("bash", "zsh", "tcsh")
 
@@ -110,7 +111,7 @@ AFTER_A_FIT = (
     "values so far."
 )
 MORE_EFFECTS = "also consider this effect of your own; may be given again"
-# commands with actions: help, and title and placeholder of the list of actions
+# commands that have commands of their own: help, heading of their list in the help, and word for one of them there
 GROUPS = {
     "plot": ("pictures of a result", "results", "KIND"),
     "campaign": ("measurements of a bench: begin a campaign, check its files", "what to do", "ACTION"),
@@ -118,7 +119,7 @@ GROUPS = {
 # in the order of the help
 COMMANDS = (
     Command("new", "write a commented configuration, campaign or task to start from", "beginnings:new", (
-        argument("kind", choices=BEGINNINGS, help="a machine, a rig of your own, a campaign, a task"),
+        argument("kind", choices=KINDS_OF_BEGINNINGS, help="a machine, a rig of your own, a campaign, a task"),
         file("path", "file to write, or folder of a campaign (default: my_KIND)", nargs="?"),
         switch("--overwrite", "replace the file if it exists"),
         argument("--rig", metavar="FILE.py:CLASS", help="of a campaign: its rig, one of your own, which may run"),
@@ -217,7 +218,7 @@ COMMANDS = (
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line; what it reads has the `run` of the command."""
+    """The parser of the command line; in the options that it returns, `run` is the function of the command."""
     parser = argparse.ArgumentParser(prog="edhas", description=edhas_jax.__doc__, epilog=EPILOG)
     parser.add_argument("--version", action="version", version=f"edhas_jax {edhas_jax.__version__}")
     lists = {"": parser.add_subparsers(title="commands", required=True, metavar="COMMAND")}

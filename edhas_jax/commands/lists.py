@@ -50,7 +50,7 @@ def parameters(options) -> None:
 
 
 def _parameter_owners() -> list[type]:
-    """Every struct that declares parameters: components of all rigs, alternatives of the sections, effects."""
+    """Every class that declares parameters: components of the rigs, those that can replace them, effects."""
     found: dict[type, None] = {}
     for rig in rigs.RIGS.values():
         for name, kind in typing.get_type_hints(rig).items():

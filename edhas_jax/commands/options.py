@@ -16,7 +16,7 @@ def output_folder(options, parent: str, name: str) -> Path:
 
 
 def own_code(options) -> list[str]:
-    """The files of the user's own that the command line names."""
+    """The effects, controllers and rigs of the user's own that the command line names, `FILE.py:CLASS` each."""
     return [s for n in ("own_effects", "own_controllers", "own_rigs", "effects") for s in getattr(options, n, [])]
 
 

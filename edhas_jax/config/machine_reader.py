@@ -366,7 +366,7 @@ def _has_parameter(cls: type, name: str) -> bool:
 
 
 def _key(given: Given, *names: tuple[str, str]) -> KeyPath:
-    """The key of the first of some parameters that the configuration sets; of the first one where it sets none."""
+    """Where a configuration sets one of some parameters, the first that it sets; the first name where it sets none."""
     return next((given[name] for name in names if name in given), names[0])
 
 

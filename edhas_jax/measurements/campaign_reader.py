@@ -17,7 +17,7 @@ from edhas_jax.config.machine_keys import USUAL_EFFECTS, machine_keys
 from edhas_jax.config.machine_reader import MachineReader, read_rig
 from edhas_jax.config.recorded_signal import encode_samples
 from edhas_jax.config.yaml_with_lines import key_text
-from edhas_jax.core import runtime, structs
+from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
@@ -43,7 +43,7 @@ from edhas_jax.measurements.record_timing import RecordTiming, running_before
 from edhas_jax.measurements.run_reader import ColumnSource, RecordFile, RunEntry, RunReader, TimeSource
 from edhas_jax.measurements.tables.table import Layout
 from edhas_jax.measurements.unknown_parameters import read_spread, share_of_nothing
-from edhas_jax.simulation.integrator import evaluate_signals
+from edhas_jax.simulation.integrator import signal_names
 
 Values = Mapping[str, Any]  # what `Keys.read` has read of an entry
 
@@ -163,13 +163,13 @@ class CampaignDescription:
         if not signals:
             self._top["signals"].add("missing; name the measured signals, such as `current: {unit: A, noise: 0.02}`")
         declared = self.machine.signals
-        available = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), self.machine)
+        available = signal_names(self.machine)
         for name, values in signals.items():
             entry, unit = self._top["signals"][name], values["unit"]
             if name not in available or name == "time":
                 is_known = name in SIGNALS or name in declared
                 problem = f"{self.machine.name} has no such signal" if is_known else "unknown signal"
-                self._leave_out(entry, f"{problem}; {suggest(str(name), available.keys() - {'time'})}")
+                self._leave_out(entry, f"{problem}; {suggest(str(name), set(available) - {'time'})}")
                 continue
             try:
                 about = declared[name]

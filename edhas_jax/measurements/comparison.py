@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.core import runtime
 from edhas_jax.machine.parameters import get_parameter, has_parameter
 from edhas_jax.machine.rigs import Rig, Sine
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
@@ -15,7 +14,7 @@ from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.replay import EXCLUDED_SIGNALS, Replay, machine_with_replay
 from edhas_jax.measurements.residuals import normalised_residuals, rms_over_noise
 from edhas_jax.measurements.time_resolution import MAX_ERROR_OVER_NOISE, TimeResolution, choose_time_resolution
-from edhas_jax.simulation.integrator import evaluate_signals
+from edhas_jax.simulation.integrator import signal_names
 from edhas_jax.simulation.validity import signal_problems
 
 
@@ -112,7 +111,7 @@ def compare(
             remarks.append(run.remark(Severity.ERROR, f"{problem}; the run is left out"))
     if not runs:
         raise CampaignError("\n".join(map(str, remarks)))
-    available = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+    available = signal_names(machine)
     others = (n for n in machine.explaining or machine.signals if n in available and n != "time")
     signals = tuple(dict.fromkeys([*campaign.channels, *others]))
     model = MeasurementModel(campaign, machine, (), runs, instruments, signals, replay)

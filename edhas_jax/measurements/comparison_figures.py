@@ -9,7 +9,6 @@ from edhas_jax.core.chart import style_axes
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import display_unit, format_quantity, from_si
-from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import find_parameter
 from edhas_jax.measurements.comparison import Comparison, RunComparison
 from edhas_jax.measurements.residual_matrix import ERROR_LABEL
@@ -39,7 +38,7 @@ def draw_traces(comparison: Comparison, signal: str):
         shown = _shown_samples(compared)
         scale, time_name = time_unit(float(compared.run.time[-1]))
         time = scale * compared.run.time[shown]
-        measured, model = (_shown(about, v[signal][shown]) for v in (compared.run.signals, compared.model))
+        measured, model = (about.shown(v[signal][shown]) for v in (compared.run.signals, compared.model))
         above.fill_between(time, model - half_width, model + half_width, color=COLOURS[1], alpha=0.25, lw=0)
         above.plot(time, measured, ".", ms=2.2, color=COLOURS[0], label="measured")
         above.plot(time, model, color=COLOURS[1], lw=1.1, label="model ± 2 noise")
@@ -192,7 +191,7 @@ def _abscissa(comparison: Comparison, compared: RunComparison, axis: str) -> np.
     """The samples of the quantity over which residuals are drawn, in its display unit."""
     if axis in ("phase", "time"):
         return compared.phase if axis == "phase" else compared.run.time
-    return _shown(comparison.machine.signals[axis], compared.model[axis])
+    return comparison.machine.signals[axis].shown(compared.model[axis])
 
 
 def _binned(comparison: Comparison, compared: RunComparison, signal: str, axis: str) -> tuple[np.ndarray, np.ndarray]:
@@ -209,12 +208,7 @@ def _binned(comparison: Comparison, compared: RunComparison, signal: str, axis: 
     return (0.5 * (edges[1:] + edges[:-1]))[full], sums[full] / count[full]
 
 
-def _shown(about: Signal, values: np.ndarray) -> np.ndarray:
-    """Values of a signal (SI) in its display unit."""
-    return from_si(values, about.unit, about.display_unit)
-
-
 def _noise_shown(comparison: Comparison, signal: str) -> float:
     """The standard deviation of the noise of a signal in its display unit, which may have an offset."""
     about, noise = comparison.machine.signals[signal], comparison.campaign.channels[signal].noise
-    return float(_shown(about, np.array(noise)) - _shown(about, np.array(0.0)))
+    return float(about.shown_difference(noise))

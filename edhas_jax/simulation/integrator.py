@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from edhas_jax.compiler.derivative_graph import defer_partials, linearize
 from edhas_jax.compiler.sparse_elimination import StrainUnknown, solve
+from edhas_jax.core import runtime
 from edhas_jax.machine.equations.orifice_flow import orifice_slopes
 from edhas_jax.machine.interface.signals import OrificeConnection, Signals
 from edhas_jax.machine.rigs import Rig, State
@@ -88,3 +89,8 @@ def evaluate_signals(machine: Rig, y: State, t, h) -> dict[str, Any]:
     """The signals of a machine, by name in SI, in the state `y` at time `t` [s]."""
     values = machine.evaluate(y, t, h, y)[0].values()
     return {n: jnp.asarray(v) for n, v in values.items() if n in machine.signals}
+
+
+def signal_names(machine: Rig) -> tuple[str, ...]:
+    """The names of the signals that `evaluate_signals` gives, the time among them; nothing is computed."""
+    return tuple(runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine))

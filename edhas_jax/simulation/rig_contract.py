@@ -18,7 +18,7 @@ from edhas_jax.machine.interface.slots import SLOTS
 from edhas_jax.machine.parameters import get_parameter, short_names
 from edhas_jax.machine.rig_base import Rig
 from edhas_jax.simulation.batch_trajectories import simulate_batch
-from edhas_jax.simulation.integrator import evaluate_signals, step_with_outputs
+from edhas_jax.simulation.integrator import signal_names, step_with_outputs
 from edhas_jax.simulation.run import Simulation, SimulationError, simulate
 
 SAMPLES = 60  # of the runs that are compared
@@ -232,7 +232,7 @@ def _unknown_signal(machine: Rig, kind) -> str:
 
 def _observed(machine: Rig) -> tuple[str, ...]:
     """The signals that the machine has, without the time."""
-    found = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+    found = signal_names(machine)
     return tuple(n for n in machine.signals if n in found and n != "time")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from edhas_jax.core import structs
-from edhas_jax.core.chart import style_axes
+from edhas_jax.core.chart import add_title, style_axes
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.plot_style import COLOURS, GREY, INK, time_unit
 from edhas_jax.core.units import format_quantity, from_si
@@ -68,7 +68,7 @@ def plot_run(machine: Rig, signals: dict, ledger, names: list[str] | None = None
         _draw_energy_balance(figure.add_subplot(grid[len(panels)]), ledger)
     effects = ", ".join(e.id.replace("_", " ") for e in machine.effects) or "no effects"
     title = f"{machine.name.replace('_', ' ')}: {_operating_point(machine)}\nwith {effects}"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=INK)
+    add_title(figure, title)
     return figure
 
 

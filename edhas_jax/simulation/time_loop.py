@@ -11,7 +11,7 @@ from edhas_jax.compiler.loop_engine import LoopBody
 from edhas_jax.core import runtime
 from edhas_jax.machine.rigs import Rig, State
 from edhas_jax.simulation import energy_balance
-from edhas_jax.simulation.integrator import evaluate_signals, step_with_outputs
+from edhas_jax.simulation.integrator import evaluate_signals, signal_names, step_with_outputs
 from edhas_jax.simulation.loop_cache import cached_loop, key_of
 
 
@@ -116,7 +116,7 @@ class TimeLoop:
             return {n: jnp.asarray(v, dtype) for n, v in evaluate_signals(base, y, t, h).items()}
 
         start = initial_loop_state(machine, dtype.type(1.0))
-        names = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+        names = signal_names(machine)
         self._dtype, self._signals, given = dtype, dict.fromkeys(names, 0.0), (machine, 0.0)
         carry, lane = (start.y, start.balance, 0.0, 0.0), (start.y, 0.0)
         self._advance = compile_loop(

@@ -9,9 +9,8 @@ from edhas_jax.config.machine_config import Config, as_config
 from edhas_jax.config.run_folder import save_run
 from edhas_jax.core.summary import Summary, SummaryTable, Text, Tone, Toned
 from edhas_jax.core.trusted_code import Trust
-from edhas_jax.core.units import format_quantity
+from edhas_jax.core.units import format_quantity, unit_text
 from edhas_jax.machine.interface.metrics import SIGNAL_METRICS
-from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.simulation.metrics import MetricValue, RunTooShortError
@@ -67,7 +66,7 @@ class RunResult(Run):
             return [f"no metrics: {error}"]
         of_signals = _signals_table(self, metrics)
         own = {n: m for n, m in metrics.items() if n not in [record["metric"] for record in of_signals.records]}
-        rows = [(n, m.shown(), _shown_unit(m), m.doc) for n, m in own.items()]
+        rows = [(n, m.shown(), unit_text(m.display_unit), m.doc) for n, m in own.items()]
         name, records = "own metrics" if of_signals.rows else "metrics", map(_record, own, own.values())
         table = SummaryTable.of(name, ("metric", "value", "unit", "meaning"), rows, records)
         return [part for part in (of_signals, table) if part.rows]
@@ -93,13 +92,9 @@ def _signals_table(run: Run, metrics: Mapping[str, MetricValue]) -> SummaryTable
     for name, about in run.machine.signals.items():
         of_signal = {f"{kind}_{name}": metrics.get(f"{kind}_{name}") for kind in SIGNAL_METRICS}
         if None not in of_signal.values():
-            rows.append((name, *(m.shown() for m in of_signal.values()), _shown_unit(about), about.doc))
+            rows.append((name, *(m.shown() for m in of_signal.values()), unit_text(about.display_unit), about.doc))
             records += [_record(n, m) | {"meaning": about.doc} for n, m in of_signal.items()]
     return SummaryTable.of("metrics", ("signal", *SIGNAL_METRICS, "unit", "meaning"), rows, records)
-
-
-def _shown_unit(about: MetricValue | Signal) -> str:
-    return "" if about.display_unit == "-" else about.display_unit
 
 
 def _record(name: str, metric: MetricValue) -> dict[str, Any]:

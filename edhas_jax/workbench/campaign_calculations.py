@@ -65,7 +65,7 @@ class CampaignCalculations:
             "slots": [slot._asdict() | {"rule": slot.rule.value} for slot in campaign.machine.slots],
             "effects": [effect.id for effect in campaign.machine.effects],
             "signals": {name: signals[name].display_unit for name in campaign.channels},
-            "noise": {n: float(signals[n].shown(c.noise) - signals[n].shown(0.0)) for n, c in channels},
+            "noise": {n: float(signals[n].shown_difference(c.noise)) for n, c in channels},
             "noise_table": noise_as_json(campaign),
             "runs": {
                 run.name: {"use": run.use.value, "samples": len(run.time), "end": float(run.time[-1])}

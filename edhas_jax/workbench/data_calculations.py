@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from edhas_jax.core import runtime
 from edhas_jax.core.units import UnitError, exact_quantity
 from edhas_jax.machine.rigs import RIGS
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
@@ -15,7 +14,7 @@ from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.table_guess import GuessedColumn, Role, guess_columns, guess_sine
 from edhas_jax.measurements.tables.table import Table, TableError
 from edhas_jax.measurements.tables.table_reader import read_table
-from edhas_jax.simulation.integrator import evaluate_signals
+from edhas_jax.simulation.integrator import signal_names
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import Workspace, WorkspaceError
 
@@ -141,5 +140,5 @@ def _sine(table: Table, columns: list[GuessedColumn]) -> dict[str, Any] | None:
 def signals_of(rig: str) -> tuple[str, ...]:
     """The signals of a rig."""
     machine = RIGS[rig]()
-    found = runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), machine)
+    found = signal_names(machine)
     return tuple(name for name in machine.signals if name in found and name != "time")

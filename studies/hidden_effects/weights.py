@@ -11,12 +11,11 @@ step is taken as long as one raises the score; then each family is left out of t
 the others say.
 
 The last line: `cases=… score=… score_best=… score_left_out=… freedoms=… expected=… unknown_odds=… law_error=…
-least_error=…`, the last five as the others of their kind would be best.
+least_error=…`, the last five as they would be best.
 """
 
 import argparse
 import dataclasses
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -28,13 +27,13 @@ from rich.console import Console
 from rich.table import Table
 
 import edhas_jax as edhas
-from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.diagnosis.candidates.candidate import FreeTerm
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, WeightConstants
 from studies.hidden_effects.answers import Truth, same_names
 from studies.hidden_effects.generators.drawing import draw
 from studies.hidden_effects.generators.hidden_case import CaseKey, Family, Split, keys_of
+from studies.hidden_effects.store import read_json, write_json
 from studies.hidden_effects.work import run_all
 
 STEPS = (0.5, 1.0 / math.sqrt(2.0), math.sqrt(2.0), 2.0)  # factors on one number that are compared
@@ -53,10 +52,7 @@ def run_job(job: Job) -> str:
     """Diagnose a case and store its sets; a sentence on them."""
     case = draw(job.key)
     found = edhas.diagnose(case.campaign, case.own_library, library=case.library)
-    sets = sets_as_json(found, case.truth)
-    job.file.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(job.file) as temporary:
-        temporary.write_text(json.dumps(sets, indent=1) + "\n", encoding="utf-8")
+    write_json(job.file, sets_as_json(found, case.truth))
     return f"{job.key}: {' + '.join(case.truth.names) or 'nothing'} → {found.posterior.best}"
 
 
@@ -135,7 +131,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"stopped; the same command continues with the rest, {options.out} has what is finished", file=sys.stderr)
         return 130
-    cases = {key: json.loads(file.read_text()) for key, file in files.items()}
+    cases = {key: read_json(file) for key, file in files.items()}
     report(cases)
     return 0
 

@@ -21,6 +21,7 @@ from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, 
 from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
+# not those of the diagnosis, so that what is tested here does not depend on how these are chosen
 NUMBERS = WeightConstants(freedoms=30.0, law_error=0.01, least_error=10.0)
 LIBRARY = (InverterDeadTime, MagneticSaturation, EddyDrag, CoggingForce)
 

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from edhas_jax.config.machine_config import Config, as_config
-from edhas_jax.core import runtime
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import UnitError, format_quantity, to_si
@@ -30,7 +29,7 @@ from edhas_jax.machine.parameters import (
     short_names,
 )
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP, evaluate_signals
+from edhas_jax.simulation.integrator import DEFAULT_STEP, LARGEST_STEP, signal_names
 from edhas_jax.simulation.validity import Status
 
 # as accurate as a sweep at the default step; elasticities within 0.011, see docs/gradients.md
@@ -82,7 +81,7 @@ class Model:
     @functools.cached_property
     def signal_names(self) -> tuple[str, ...]:
         """The signals of this machine."""
-        return tuple(runtime.eval_shape(lambda m: evaluate_signals(m, m.initial_state(), 0.0, 1.0), self.machine))
+        return signal_names(self.machine)
 
     def metrics(self, parameters: Mapping[str, Any], names: Sequence[str] | None = None) -> dict[str, jax.Array]:
         """The metrics in the periodic state.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from edhas_jax.core.chart import Chart, Curve, Style, Tone, draw_chart, style_axes
+from edhas_jax.core.chart import Chart, Curve, Style, Tone, add_title, draw_chart, style_axes
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, GREY, INK
 from edhas_jax.core.units import display_unit, from_si
@@ -108,5 +108,5 @@ def _annotated_matrix(values: np.ndarray, columns: list[str], rows: list[str], l
     axes.set_yticks(range(len(rows)), [figure_text(r.replace("_", " ")) for r in rows], fontsize=9, color=INK)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
-    figure.suptitle(title, fontsize=10, x=0.01, ha="left", color=INK)
+    add_title(figure, title, 10)
     return figure

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from edhas_jax.core.chart import style_axes
+from edhas_jax.core.chart import add_title, style_axes
 from edhas_jax.core.literal_text import figure_text
 from edhas_jax.core.plot_style import COLOURS, INK, time_unit
-from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.report.conclusions import conclusions
 from edhas_jax.diagnosis.report.residual_stages import USE_TITLES, draw_stages
 from edhas_jax.diagnosis.search.result import Diagnosis
@@ -54,7 +53,7 @@ def draw_overview(diagnosis: Diagnosis):
     draw_stages(stage_axes, diagnosis, runs[0].use)
     stage_axes.set_title(f"after each stage, {USE_TITLES[runs[0].use]}", fontsize=10, loc="left", color=INK)
     stage_axes.set_xlabel("residual over noise (dashed: the noise alone)", fontsize=9, color=INK)
-    figure.suptitle(figure_text(conclusions(diagnosis)[0]), x=0.01, ha="left", fontsize=12, color=INK)
+    add_title(figure, figure_text(conclusions(diagnosis)[0]), 12)
     return figure
 
 
@@ -63,10 +62,10 @@ def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: 
     about, noise = diagnosis.campaign.machine.signals[signal], diagnosis.campaign.channels[signal].noise
     time, measured = time_unit(float(run.time[-1]))[0] * run.time[shown], run.signals[signal][shown]
     dots = {"color": INK, "ms": 3.5, "zorder": 3, "label": "measured"}
-    axes.plot(time, from_si(measured, about.unit, about.display_unit), ".", **dots)
+    axes.plot(time, about.shown(measured), ".", **dots)
     for name, residuals, style in _models(diagnosis):
         model = measured - noise * residuals[run.name][signal][shown]
-        axes.plot(time, from_si(model, about.unit, about.display_unit), label=name, **style)
+        axes.plot(time, about.shown(model), label=name, **style)
     style_axes(axes, "", about.display_unit)
     axes.margins(x=0.0)
 
@@ -74,8 +73,7 @@ def _draw_signal(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: 
 def _draw_errors(axes, diagnosis: Diagnosis, run: BenchRun, signal: str, shown: np.ndarray) -> None:
     """What both models leave of a signal, in its unit, with a band of two standard deviations of the noise."""
     about = diagnosis.campaign.machine.signals[signal]
-    scale = from_si(diagnosis.campaign.channels[signal].noise, about.unit, about.display_unit)
-    scale -= from_si(0.0, about.unit, about.display_unit)
+    scale = about.shown_difference(diagnosis.campaign.channels[signal].noise)
     axes.axhspan(-2 * scale, 2 * scale, color="#d8dee4", lw=0, label="± 2 noise")
     time = time_unit(float(run.time[-1]))[0] * run.time[shown]
     for name, residuals, style in _models(diagnosis):

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 
 from edhas_jax.core.chart import Chart, Curve, Style, Tone, draw_chart
-from edhas_jax.core.units import from_si
 from edhas_jax.diagnosis.candidates.candidate import Candidate
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.interface.signals import Signal
@@ -80,11 +79,8 @@ def draw_sensor_fault(error: SensorError):
     about = error.about
     figure = Figure(figsize=(7.6, 4.2), layout="constrained")
     axes = figure.subplots()
-    zero = from_si(0.0, about.unit, about.display_unit)
-    x, measured, modelled, std = (
-        from_si(v, about.unit, about.display_unit) - zero for v in (error.x, error.measured, error.modelled, error.std)
-    )
-    x = x if error.over_rate else x + zero
+    measured, modelled, std = map(about.shown_difference, (error.measured, error.modelled, error.std))
+    x = about.shown_difference(error.x) if error.over_rate else about.shown(error.x)
     curves = (
         Curve(f"fault that was found: {error.candidate.name}", x, modelled, Tone.MODEL),
         Curve("measured − model, mean, 95 %", x, measured, Tone.DATA, Style.MARKS, Z_95 * std),

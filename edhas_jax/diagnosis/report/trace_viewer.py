@@ -10,8 +10,6 @@ import numpy as np
 
 from edhas_jax.core.html_page import json_element
 from edhas_jax.core.plot_style import COLOURS, GREY
-from edhas_jax.core.units import from_si
-from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.measurements.campaign import BenchRun, Campaign, Use
 from edhas_jax.measurements.residual_matrix import run_descriptions
@@ -51,7 +49,7 @@ def render_trace_viewer(campaign: Campaign, states: Mapping[str, Mapping[str, Ma
         "runs": [_run(campaign, run, states) for run in runs],
         "run": worst_run, "signal": worst_signal or signals[0],
         "units": {n: about[n].display_unit for n in signals},
-        "noise": {n: _difference_in_display_unit(about[n], campaign.channels[n].noise) for n in signals},
+        "noise": {n: float(about[n].shown_difference(campaign.channels[n].noise)) for n in signals},
         "models": [{"name": name, "colour": MODEL_COLOURS[name]} for name in states],
         "hidden": [name for name in states if name == "before"], "colour": COLOURS[0],
     }  # fmt: skip
@@ -89,7 +87,7 @@ def _run(campaign: Campaign, run: BenchRun, states) -> dict[str, Any]:
         noise = campaign.channels[name].noise
         rows = {"measured": measured, **{state: measured - noise * v for state, v in residuals.items()}}
         about = machine.signals[name]
-        out["signals"][name] = {state: _encode(_in_display_unit(about, v[::stride])) for state, v in rows.items()}
+        out["signals"][name] = {state: _encode(about.shown(v[::stride])) for state, v in rows.items()}
         out["levels"][name] = {state: f"{rms_over_noise([v]):.2f} × noise" for state, v in residuals.items()}
     return out
 
@@ -101,11 +99,3 @@ def _encode(values: np.ndarray) -> dict[str, Any]:
     offset, scale = 0.5 * (low + high), max((high - low) / (2 * MAX_CODE), 1e-30)
     codes = np.where(np.isfinite(values), np.round((np.nan_to_num(values) - offset) / scale), MISSING_CODE)
     return {"offset": offset, "scale": scale, "data": base64.b64encode(codes.astype("<i2").tobytes()).decode()}
-
-
-def _in_display_unit(about: Signal, values):
-    return from_si(values, about.unit, about.display_unit)
-
-
-def _difference_in_display_unit(about: Signal, value: float) -> float:
-    return float(_in_display_unit(about, value) - _in_display_unit(about, 0.0))

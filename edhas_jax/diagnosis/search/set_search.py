@@ -257,7 +257,8 @@ class SetSearch:
             former, best = best, self.ranked()[0]
             self._report(stage_sentence(f"{BEST}{best}" if best.members else CALIBRATED, best.evaluated))
             without_success = without_success + 1 if best.key == former.key else 0
-            if without_success > (best.excess > 0.0) * (1 if best.members else 2):
+            more_rounds = 0 if not best.excess > 0.0 else 1 if best.members else 2
+            if without_success > more_rounds:
                 break  # nothing better in a round; above the noise in two, or in three where nothing is found yet
         for of in self.sets.values():
             of.log_weight = self.weight.of(of)

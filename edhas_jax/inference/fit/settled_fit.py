@@ -47,13 +47,13 @@ def settle(evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable
         errors = estimated_time_errors(found.bench, fitted.problem.bench)
         if correction == 0 and campaign.accuracy.trigger > 0.0:
             grid = campaign.accuracy.trigger * TRIGGER_GRID
-            gain = MIN_REMOVED_SHARE * max(found.excess, 0.0)
+            gain = MIN_REMOVED_SHARE * found.excess
             common = best_common_shift(fitted.problem, fitted.x, fitted.outcomes, grid, gain)
             errors = {run.name: (common,) for run in campaign.runs} if common else errors
         if largest_time_error(campaign, errors) < MIN_TIME_ERROR:
             break
         predicted = cost_with_time_errors(fitted.problem, fitted.x, fitted.outcomes, errors)
-        if not found.cost - predicted > max(PREDICTED_SHARE * MIN_REMOVED_SHARE * found.excess, 0.0):
+        if not found.cost - predicted > PREDICTED_SHARE * MIN_REMOVED_SHARE * found.excess:
             break
         report("correcting the time of the records")
         corrected = _corrected(found, errors, resolution)

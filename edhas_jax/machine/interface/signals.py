@@ -24,6 +24,10 @@ class Signal(NamedTuple):
         """Values (SI) in the unit for display."""
         return from_si(values, self.unit, self.display_unit)
 
+    def shown_difference(self, values):
+        """Differences (SI) in the unit for display, whose zero may lie elsewhere."""
+        return self.shown(values) - self.shown(0.0)
+
 
 SIGNALS: dict[str, Signal] = {
     "time": Signal("s", "s", "time from the start of the run"),

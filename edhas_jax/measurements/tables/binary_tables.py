@@ -67,10 +67,10 @@ def _library(module: str, what: str, extra: str, otherwise: str) -> ModuleType:
 
 @contextlib.contextmanager
 def _damaged_unless(what: str) -> Iterator[None]:
-    """Within the context a file of this kind is read; a damaged one raises whatever its bytes lead to.
+    """Read a file of this kind within this context: any error of the library that reads it means a damaged file.
 
     Raises:
-        TableError: the block raised an error that is neither one nor a FileNotFoundError.
+        TableError: the block raised any other error than a FileNotFoundError.
     """
     try:
         yield
@@ -116,7 +116,7 @@ def _matlab_object(name: str) -> str:
 
 
 def _tables_of(vectors: Sequence[_Vector]) -> list[Table]:
-    """The tables of the channels of a file: one for each group and number of samples.
+    """The channels of a file as tables: those of one group with the same number of samples share a table.
 
     Raises:
         TableError: two channels of a group have the same name.
