@@ -96,19 +96,23 @@ def law_at_nodes(fit: Fit, candidate: Candidate, curve: CurveCandidate) -> tuple
 
 
 def law_size(fit: Fit, candidate: Candidate, place: LawPlace) -> float | None:
-    """The magnitude of the law of a candidate as that of a curve at a place, SI; None where it acts elsewhere.
+    """The magnitude of the law of a candidate as that of a curve at a place, SI.
 
     Args:
         fit: a fit that contains the candidate.
         candidate: the candidate.
-        place: the place, over any variable.
+        place: the place.
+
+    Returns:
+        None where the law acts elsewhere, or is a function of another variable alone.
     """
     if candidate.signal is not None:
         return None
     term = place.declaration.same_as or place.slot
     slot = next((slot for slot in candidate.kind.slots if (slot.same_as or slot.name) == term), None)
     own = () if slot is None else law_places(fit.machine, slot.name)
-    if not own:
+    start = start_beside_law(fit, _effect_of(fit, candidate)) if own else None
+    if not own or start is not None and start.replaces and start.place[1:3] != place[1:3]:
         return None
     samples = samples_at_slots(fit, (own[0], place), candidate.id)
     law, weight = samples[own[0].slot].law - own[0].neutral, samples[place.slot].weight(place)

@@ -287,8 +287,7 @@ class SetSearch:
 
     def _moves(self, best: FittedSet) -> list[Move]:
         """The additions that are fitted next; one free term at most, beside a curve next to a law."""
-        smaller = [self.sets.get(best.key - {c.name}) for c in best.members]
-        for of in [*self.ranked()[:EXPANDED], *(of for of in smaller if of is not None)]:
+        for of in self._expanded(best):
             if of.moves is None:
                 of.moves = self._predicted_moves(of)
         known, found = set(self.sets) | self._failed, {}
@@ -304,6 +303,11 @@ class SetSearch:
         laws = [move for move in ranked if self._may_be_law(move, best)][:LAWS_TRIED]
         laws += [move for move in ranked if self._is_curve_beside_law(move, best, chosen)][:1]
         return chosen + [move for move in laws if move.key not in known and move not in chosen]
+
+    def _expanded(self, best: FittedSet) -> list[FittedSet]:
+        """The sets whose additions are predicted: the best ones, and the best one without one of its members."""
+        smaller = [self.sets.get(best.key - {c.name}) for c in best.members]
+        return [*self.ranked()[:EXPANDED], *(of for of in smaller if of is not None)]
 
     @staticmethod
     def _may_be_law(move: Move, best: FittedSet) -> bool:

@@ -40,7 +40,7 @@ class WeightConstants:
     expected: float = 1.0
     unknown_odds: float = 0.1
     law_error: float = 0.015
-    least_error: float = 20.0
+    least_error: float = 40.0
 
 
 WEIGHT = WeightConstants()

@@ -6,11 +6,9 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.inference.fit.evaluated_fit import (
-    REFINEMENT,
     EvaluatedFit,
     fit_coarse,
     remaining,
-    solver_error,
     start_coordinates,
     with_solver_error,
 )
@@ -30,9 +28,7 @@ from edhas_jax.measurements.time_resolution import (
 CALIBRATION_STEPS, NEXT_STEPS = 25, 12  # maximum number of Levenberg-Marquardt steps: of the first fit, of later ones
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
 IRREGULAR_STEPS = 25  # maximum number of steps where the signals depend irregularly on the parameters
-CHECK_STEPS = 6  # the same for the check of the time step
-STEP_SHARE = 0.1  # of the misfit: if half the coarse step removes more, it was too coarse
-MAX_HALVINGS = 3  # of the coarse step, where its error at the fitted parameters is too large
+MAX_HALVINGS = 3  # of the time step, where its error at the fitted parameters is too large
 NEAR_THE_NOISE = 1.5  # rms of the residual over the noise, up to which a finer step is tried against irregular signals
 SMALLEST_REGULAR_STEP = 0.25  # of the step with which a run of the machine begins; the finest one that is tried there
 
@@ -47,7 +43,8 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         on_progress: called with a sentence on the progress.
 
     Returns:
-        The fit, the solver's error removed, and the time steps per sample.
+        The fit, the solver's error removed, and the time steps per sample. Coarse and fine ones are the same: at a
+        coarser step a valve that bounces has minima of the cost that are none, whether its error is removed or not.
 
     Raises:
         FitError: there is nothing to fit, or the model cannot be fitted.
@@ -56,29 +53,23 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     problem = calibration_problem(campaign)
     centre = start_coordinates(problem, {})
     report("choosing the time step")
-    resolution = choose_time_resolution(problem.model(), centre)
+    resolution = _one_step(choose_time_resolution(problem.model(), centre))
     report("fitting the uncertain parameters")
-    try:
-        calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
-    except FitError:  # derivatives need a finer step than signals where valves bounce
-        resolution = TimeResolution(resolution.fine, resolution.fine, resolution.error)
-        calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
+    calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
     if calibrated.excess > PROGRESSIVE_EXCESS * 0.5 * calibrated.samples:
         report("fitting growing parts of the runs")
         starts = np.array([centre, calibrated.fit.x])
         better = fit_progressively(problem, starts, 1, resolution.coarse, NEXT_STEPS, calibrated)
         calibrated = better or calibrated
     calibrated, resolution = _with_accurate_step(calibrated, resolution, report)
-    steps = max(resolution.coarse, resolution.fine // 2)
-    if deviations := unpredictable_part(calibrated.fit.problem, calibrated.fit.x, steps):
-        finer = _regular_steps(calibrated, steps, report)
+    if deviations := unpredictable_part(calibrated.fit.problem, calibrated.fit.x, resolution.coarse):
+        finer = _regular_steps(calibrated, resolution.coarse, report)
         if finer is None:
-            return _fitted_by_ensemble(calibrated, deviations, resolution._replace(coarse=steps, fine=steps), report)
-        resolution = resolution._replace(coarse=finer, fine=max(finer, resolution.fine))
+            return _fitted_by_ensemble(calibrated, deviations, resolution, report)
+        resolution = _one_step(resolution, finer)
         calibrated = fit_coarse(calibrated.fit.problem, calibrated.fit.x, finer, CALIBRATION_STEPS)
     calibrated = with_tightened_bench(calibrated, resolution.coarse)
-    settled, resolution = _with_sufficient_step(settle(calibrated, resolution, report), resolution, report)
-    settled = with_tightened_bench(settled, resolution.coarse)
+    settled = with_tightened_bench(settle(calibrated, resolution, report), resolution.coarse)
     report("looking for a better minimum")
     across = fit_across_minima(settled, resolution.coarse)
     if across is not settled:
@@ -86,13 +77,19 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     return without_wrong_samples(settled, resolution), resolution
 
 
+def _one_step(resolution: TimeResolution, steps: int = 1) -> TimeResolution:
+    """The finest of some time steps per sample, for all fits."""
+    steps = max(steps, *resolution[:2])
+    return resolution._replace(coarse=steps, fine=steps)
+
+
 def _with_accurate_step(
     calibrated: EvaluatedFit, resolution: TimeResolution, report: Report
 ) -> tuple[EvaluatedFit, TimeResolution]:
-    """The fit and its time steps, the coarse one small enough for an error at the fit below the noise or the residual.
+    """The fit and its time step, which is small enough for an error at the fit below the noise or the residual.
 
-    It is halved at most `MAX_HALVINGS` times. The steps were chosen at the prior means; where a friction sticks at the
-    fitted parameters only, their error is larger there.
+    It is halved at most `MAX_HALVINGS` times. It was chosen at the prior means; where a friction sticks at the fitted
+    parameters only, its error is larger there.
     """
     for _ in range(MAX_HALVINGS):
         model, steps = calibrated.fit.problem.model(), resolution.coarse
@@ -100,7 +97,7 @@ def _with_accurate_step(
         if error <= MAX_COARSE_ERROR_OVER_NOISE * max(calibrated.residual_over_noise, 1.0):
             break
         report("checking the time step")
-        finer = resolution._replace(coarse=2 * steps, fine=max(2 * steps, resolution.fine))
+        finer = _one_step(resolution, 2 * steps)
         try:
             calibrated = fit_coarse(calibrated.fit.problem, calibrated.fit.x, finer.coarse, CALIBRATION_STEPS)
         except FitError:
@@ -132,13 +129,10 @@ def _fitted_by_ensemble(
 ) -> tuple[EvaluatedFit, TimeResolution]:
     """The fit, and the time steps, where signals depend irregularly on the parameters.
 
-    One time step serves all fits, because the difference between two steps is random there, and for the same reason it
-    need not be quite as fine as elsewhere.
-
     Args:
         calibrated: a fit with derivatives along single runs.
         deviations: what the model cannot predict, as a standard deviation (SI) by signal.
-        resolution: the time steps, coarse and fine ones the same.
+        resolution: the time steps.
         report: called with a sentence on the progress.
     """
     report("the signals depend irregularly on the parameters: fitting with an ensemble")
@@ -148,29 +142,6 @@ def _fitted_by_ensemble(
     )
     found = with_tightened_bench(fit_coarse(problem, fit.x, steps, IRREGULAR_STEPS), steps)
     return without_wrong_samples(settle(found, resolution, report), resolution), resolution
-
-
-def _with_sufficient_step(
-    settled: EvaluatedFit, resolution: TimeResolution, report: Report
-) -> tuple[EvaluatedFit, TimeResolution]:
-    """The fit and the time steps, the coarse one halved as long as that removes a share of the misfit.
-
-    At too coarse a step, a valve that bounces has minima of the cost that the fine one has not, even with the solver's
-    error removed.
-    """
-    while resolution.coarse < resolution.fine and misfit_beyond_noise(settled) > 0.0:
-        finer = resolution._replace(coarse=min(2 * resolution.coarse, resolution.fine))
-        report("checking the time step")
-        error = solver_error(settled.fit.problem, settled.fit.x, finer.coarse, REFINEMENT * finer.fine)
-        problem = dataclasses.replace(settled.fit.problem, solver_error=error)
-        try:
-            again = fit_coarse(problem, settled.fit.x, finer.coarse, CHECK_STEPS)
-        except FitError:
-            break
-        if not again.excess <= (1.0 - STEP_SHARE) * settled.excess:
-            break
-        settled, resolution = settle(again, finer, report), finer
-    return settled, resolution
 
 
 def misfit_beyond_noise(calibrated: EvaluatedFit) -> float:
