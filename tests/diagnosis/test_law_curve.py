@@ -14,6 +14,8 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.law_file import read_law_file
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
+from edhas_jax.diagnosis.candidates.candidate import Candidate
+from edhas_jax.diagnosis.candidates.law_deviation import law_size
 from edhas_jax.diagnosis.laws.added_terms import AddedTerm, added_slopes
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
@@ -115,6 +117,20 @@ def test_a_law_that_differs_is_replaced(dead_time):
     assert 0.8 < curve.explained_share < 0.95  # the resistance reproduces the linear part of both laws
     assert held_out(campaign, found) < held_out(campaign, with_law) - 0.05
     assert held_out(campaign, found) == pytest.approx(1.0, abs=0.06)
+
+
+def test_a_law_of_one_variable_deviates_over_that_one_only(dead_time):
+    _, with_law, _ = dead_time
+    by_variable = {
+        place.variable: law_size(with_law, Candidate(InverterDeadTime), place)
+        for place in law_places(with_law.machine, "coil_voltage_change")
+    }
+    assert by_variable.pop("current") == pytest.approx(with_law.values["dead_time_voltage"], rel=0.05)
+    assert by_variable and not any(by_variable.values())
+    assert law_size(with_law, Candidate(InverterDeadTime), POSITION) is None  # elsewhere
+    # friction depends on the past of its bristles too: a curve over any variable may be a part of it
+    friction = law_size(with_law, Candidate(LugreFriction), LawPlace("mover_force", "piston_velocity"))
+    assert friction == pytest.approx(law_size(with_law, Candidate(LugreFriction), POSITION)) and friction > 0.0
 
 
 def test_columns_are_derivatives_of_the_signals(bumps):
