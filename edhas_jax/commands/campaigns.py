@@ -18,10 +18,11 @@ from edhas_jax.config.result_files import (
     report_write_errors,
     require_new,
 )
+from edhas_jax.core.remark import Severity
 from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned
 from edhas_jax.core.units import to_si
 from edhas_jax.machine.effects.loading import load_effect
-from edhas_jax.measurements.campaign import Campaign, Severity, runs_text
+from edhas_jax.measurements.campaign import Campaign, runs_text
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.noise_measurement import noise_sentence

@@ -1,4 +1,4 @@
-"""Recorded input signals: read from a column of a CSV or Parquet file, or encoded as text in a configuration."""
+"""Recorded input signals: read from a column of a table, or encoded as text in a configuration."""
 
 import base64
 import enum
@@ -11,7 +11,8 @@ from typing import NoReturn
 import numpy as np
 
 from edhas_jax.config.declared_keys import Key, Keys, choice, own_value, text_value
-from edhas_jax.config.number_table import NumberTable, NumberTableError
+from edhas_jax.config.tables.table import TIME, TableError
+from edhas_jax.config.tables.table_reader import CompleteTable
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.units import UnitError, display_unit, exact_quantity, format_quantity, to_si
 from edhas_jax.machine.components.set_points import Recorded, Steps
@@ -38,7 +39,7 @@ class Between(enum.Enum):
 BETWEEN = Key(choice(Between), "what is between two samples: a smooth course, or the first of them", Between.LINE)
 RECORDING = Keys({
     "kind": Key(own_value({"const": "recorded"}), ""),
-    "file": Key(text_value(example="bench.csv"), "CSV with headers `name [unit]` and a column `time [s]`, or Parquet"),
+    "file": Key(text_value(example="bench.csv"), "a table with headers `name [unit]` and a column `time [s]`"),
     "column": Key(text_value(), "its column, where it has several"),
     "unit": Key(text_value(), "of the column, where the header states none"),
     "between": BETWEEN,
@@ -49,10 +50,10 @@ RECORDING = Keys({
 def read_recording(
     path: Path, column: str | None, unit: str | None, si_unit: str, gain: float | None, between: Between
 ) -> Recorded:
-    """Read an input signal from a column of a CSV or Parquet file whose columns are named `name [unit]`.
+    """Read an input signal from a column of a table whose columns are named `name [unit]`.
 
     Args:
-        path: the file; its time column is `time [s]` or in another unit of time.
+        path: the file, of any format of a recorder; its time column is `time [s]` or in another unit of time.
         column: name of the column; None if the file has only one besides the time.
         unit: unit of the column; None if the header states it.
         si_unit: SI unit of the drive.
@@ -66,42 +67,39 @@ def read_recording(
         RecordingError: the file cannot be read, the column or its unit is missing or wrong, or samples are invalid.
     """
     try:
-        table = NumberTable(path)
+        table = CompleteTable(path)
         chosen = _chosen_column(path, table, column)
         zero, size = _conversion(path, table, chosen, unit, si_unit, gain)
-        at = table.names.index("time")
-        time, values = table.read((at, chosen)).T
-    except NumberTableError as error:
-        raise RecordingError("file", str(error)) from None
+        time, values = table.values(TIME), table.values(chosen)
+    except TableError as error:
+        raise RecordingError("file", error.at(path)) from None
     try:
-        time = time * to_si(f"1 {table.units[at]}", "s", "1 ms")
+        time = time * to_si(f"1 {table.units[TIME]}", "s", "1 ms")
     except UnitError:
         raise RecordingError("file", f"{path}: the header of the time column must be `time [s]`") from None
     return recorded_from_samples(path, time, zero + size * values, between)
 
 
-def _chosen_column(path: Path, table: NumberTable, column: str | None) -> int:
-    """The place of the column of a table that is named, or of the only one besides the time."""
-    if "time" not in table.names:
-        raise RecordingError("file", f"{path}: no column `time [s]`; the columns: {', '.join(table.headers)}")
-    others = [n for n in dict.fromkeys(table.names) if n != "time"]
+def _chosen_column(path: Path, table: CompleteTable, column: str | None) -> str:
+    """The name of the column of a table that is wanted, or of the only one besides the time."""
+    others = [name for name in table.units if name != TIME]
+    if TIME not in table.units:
+        columns = ", ".join(map(table.header, others))
+        raise RecordingError("file", f"{path}: no column `time [s]`; the columns: {columns}")
     if column is None and len(others) == 1:
         column = others[0]
     if column is None:
         raise RecordingError("column", f"missing; {path} has the columns {', '.join(others) or 'time only'}")
     if column not in others:
         raise RecordingError("column", f"{path} has no column `{column}`; {suggest(column, others)}")
-    repeated = next((n for n in ("time", column) if table.names.count(n) > 1), None)
-    if repeated:
-        raise RecordingError("file", f"{path}: has several columns `{repeated}`; name each differently")
-    return table.names.index(column)
+    return column
 
 
 def _conversion(
-    path: Path, table: NumberTable, chosen: int, unit: str | None, si_unit: str, gain: float | None
+    path: Path, table: CompleteTable, column: str, unit: str | None, si_unit: str, gain: float | None
 ) -> tuple[float, float]:
     """The SI value of 0 in the unit of a column, and of a difference of 1."""
-    header, column, header_unit = table.headers[chosen], table.names[chosen], table.units[chosen]
+    header, header_unit = table.header(column), table.units[column]
     if header_unit and unit and _normalised_unit(header_unit) != _normalised_unit(unit):
         raise RecordingError("unit", f"the header in {path} is `{header}`, but `unit` is {unit}; leave `unit` out")
     unit = header_unit or unit or ""

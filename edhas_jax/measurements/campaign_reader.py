@@ -16,9 +16,11 @@ from edhas_jax.config.document import Document, Entry
 from edhas_jax.config.machine_keys import USUAL_EFFECTS, machine_keys
 from edhas_jax.config.machine_reader import MachineReader, read_rig
 from edhas_jax.config.recorded_signal import encode_samples
+from edhas_jax.config.tables.table import Layout
 from edhas_jax.config.yaml_with_lines import key_text
 from edhas_jax.core import structs
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.trusted_code import Trust, TrustedCode
 from edhas_jax.core.units import UnitError, difference_to_si, to_si
@@ -27,21 +29,11 @@ from edhas_jax.machine.interface.signals import SIGNALS, Signal
 from edhas_jax.machine.parameters import find_parameter, get_parameter, has_parameter, short_names
 from edhas_jax.machine.rigs import Rig
 from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock, SensorAccuracy
-from edhas_jax.measurements.campaign import (
-    CAMPAIGN_FILE,
-    Campaign,
-    CampaignError,
-    Channel,
-    Remark,
-    Severity,
-    Spread,
-    brief_lines,
-)
+from edhas_jax.measurements.campaign import CAMPAIGN_FILE, Campaign, CampaignError, Channel, Spread, brief_lines
 from edhas_jax.measurements.campaign_keys import CLOCK, DRIVE_COLUMN, FILE, campaign_keys, sensor_keys
 from edhas_jax.measurements.checks.unit_checks import limits_remarks
 from edhas_jax.measurements.record_timing import RecordTiming, running_before
 from edhas_jax.measurements.run_reader import ColumnSource, RecordFile, RunEntry, RunReader, TimeSource
-from edhas_jax.measurements.tables.table import Layout
 from edhas_jax.measurements.unknown_parameters import read_spread, share_of_nothing
 from edhas_jax.simulation.integrator import signal_names
 

@@ -11,11 +11,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from edhas_jax.core.remark import Severity
 from edhas_jax.core.structs import replace
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.measurements.accuracy import RecorderClock
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.measurement_model import MeasurementModel
 
 SIGMAS = 3.0  # standard deviations of a shift within which it is sought

@@ -5,9 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.machine.parameters import get_parameter, has_parameter
 from edhas_jax.machine.rigs import Rig, Sine
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel

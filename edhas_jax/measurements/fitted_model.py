@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from edhas_jax.measurements.campaign import Campaign, Severity
+from edhas_jax.core.remark import Severity
+from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.comparison import Comparison
 from edhas_jax.measurements.replay import Replay
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.config.tables.table import TableError
+from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import Remark, Severity
-from edhas_jax.measurements.tables.table import TableError
 
 START_TOLERANCE = 1.5  # sample intervals; a clock that starts within it of zero is not changed
 MIN_SAMPLES = 2  # within a window

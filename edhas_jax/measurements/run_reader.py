@@ -9,17 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.config.recorded_signal import Between, RecordingError, recorded_from_samples
+from edhas_jax.config.tables.table import Column, Layout, Table, TableError
+from edhas_jax.config.tables.table_reader import read_tables
 from edhas_jax.core.name_suggestion import suggest
+from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.core.units import UnitError, display_unit, is_unit_of, to_si, values_to_si
 from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.set_points import Recorded
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Remark, Severity, Spread, Use
+from edhas_jax.measurements.campaign import BenchRun, Spread, Use
 from edhas_jax.measurements.checks.repeated_values import true_intervals
 from edhas_jax.measurements.record_timing import RecordTiming
-from edhas_jax.measurements.tables.table import Column, Layout, Table, TableError
-from edhas_jax.measurements.tables.table_reader import read_tables
 
 MIN_SAMPLES = 10  # of a run; with fewer neither noise nor shape can be judged
 MAX_SIZE = 1e30  # of a value in SI; a larger one is a fault of the file, and its square may overflow

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edhas_jax.config.tables.table import Column, Table
 from edhas_jax.core.units import is_unit_of, to_si, values_to_si
 from edhas_jax.machine.interface.signals import SIGNALS
-from edhas_jax.measurements.tables.table import Column, Table
 
 TIME_NAMES = "time", "t", "zeit", "timestamp", "clock", "temps", "tiempo", "sekunden", "seconds"
 SET_POINT_NAMES = (

@@ -9,6 +9,7 @@ import numpy as np
 
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core.literal_text import file_name
+from edhas_jax.core.remark import Severity
 from edhas_jax.core.units import exact_quantity, format_quantity
 from edhas_jax.diagnosis.laws.curve_figure import law_chart
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
@@ -16,7 +17,7 @@ from edhas_jax.diagnosis.report.report import law_sentence
 from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.parameters import list_parameters, short_names
-from edhas_jax.measurements.campaign import Campaign, Severity
+from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_sentences

@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from edhas_jax.config.tables.table import Table, TableError
+from edhas_jax.config.tables.table_reader import read_table
+from edhas_jax.core.remark import Remark
 from edhas_jax.core.units import UnitError, exact_quantity
 from edhas_jax.machine.rigs import RIGS
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.table_guess import GuessedColumn, Role, guess_columns, guess_sine
-from edhas_jax.measurements.tables.table import Table, TableError
-from edhas_jax.measurements.tables.table_reader import read_table
 from edhas_jax.simulation.integrator import signal_names
 from edhas_jax.workbench.thinning import thinned
 from edhas_jax.workbench.workspace import Workspace, WorkspaceError

@@ -29,7 +29,7 @@ def refused(tmp_path, monkeypatch, capsys):
 def test_a_table_of_designs_that_is_cut_in_its_last_line(refused, tmp_path, end):
     (tmp_path / "designs.csv").write_text("frequency [Hz],amplitude [mm]\n10,3.25\n20,3" + end)
     message = refused("sweep", "sweep: {kind: table, file: designs.csv}\n")
-    assert "designs.csv:3: the last line has no end; the file seems to be cut off" in message
+    assert "designs.csv:3: the last line has no line end; add one if the file is complete" in message
 
 
 @pytest.mark.parametrize("number", ["3.7", "4.0", "5 Hz", "2"])

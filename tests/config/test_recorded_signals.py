@@ -53,6 +53,17 @@ def test_recorded_reference(tmp_path, suffix):
     assert same(read_config(tmp_path / "deep/b.yaml").machine, config.machine)
 
 
+def test_columns_that_are_not_wanted_may_hold_anything(tmp_path):
+    """Semicolons, decimal commas, a column of words and one with gaps, as a recorder writes them."""
+    (tmp_path / "bench.csv").write_text("time [ms];u [mm];remark;v [mm]\n0;0;start;\n1,5;1;;7\n3;2;OK;overload\n")
+    data = {"rig": "pump_bench", "reference": {"kind": "recorded", "file": "bench.csv", "column": "u"}}
+    recorded = build_config(data, base_dir=tmp_path).machine.reference
+    assert recorded.interval == pytest.approx(1.5e-3) and recorded.values == pytest.approx([0.0, 1e-3, 2e-3])
+    data["reference"]["column"] = "v"
+    with pytest.raises(ConfigError, match="`v`: .overload. is not a number"):
+        build_config(data, base_dir=tmp_path)
+
+
 def test_unequal_samples_are_resampled(tmp_path):
     rng = np.random.default_rng(0)
     time = np.cumsum(1e-3 * (1.0 + 0.2 * rng.uniform(-1, 1, 500)))

@@ -82,12 +82,28 @@ def test_csv_and_parquet_give_the_same_designs(machine, tmp_path):
     np.testing.assert_array_equal(table["piston_clearance"], third["piston_clearance"])
 
 
+def test_a_table_of_a_spreadsheet_gives_the_same_designs(machine, tmp_path):
+    (tmp_path / "a.csv").write_text("piston_clearance [um],frequency [Hz]\n20,10\n12.5,8\n")
+    (tmp_path / "b.csv").write_text("piston_clearance [um];frequency [Hz]\n20;10\n12,5;8\n")
+    pd.DataFrame({"piston_clearance [um]": [20.0, 12.5], "frequency [Hz]": [10, 8]}).to_excel(
+        tmp_path / "c.xlsx", index=False
+    )
+    one, *others = (read_design_table(tmp_path / name, machine) for name in ("a.csv", "b.csv", "c.xlsx"))
+    for other in others:
+        assert {n: v.tolist() for n, v in other.items()} == {n: v.tolist() for n, v in one.items()}
+
+
+def test_one_design_is_a_table(machine, tmp_path):
+    (tmp_path / "a.csv").write_text("piston_clearance [um]\n20\n")
+    assert read_design_table(tmp_path / "a.csv", machine)["piston_clearance"].tolist() == [20e-6]
+
+
 def test_parquet_with_missing_values_or_text_is_refused(machine, tmp_path):
     pd.DataFrame({"frequency [Hz]": [10.0, None]}).to_parquet(tmp_path / "a.parquet")
-    with pytest.raises(DesignError, match="row 2: column `frequency .Hz.` has a missing"):
+    with pytest.raises(DesignError, match="a.parquet:2: `frequency .Hz.`: a number is missing"):
         read_design_table(tmp_path / "a.parquet", machine)
     pd.DataFrame({"frequency [Hz]": ["x"]}).to_parquet(tmp_path / "b.parquet")
-    with pytest.raises(DesignError, match="must hold numbers"):
+    with pytest.raises(DesignError, match="column `frequency .Hz.` does not hold numbers"):
         read_design_table(tmp_path / "b.parquet", machine)
     (tmp_path / "c.parquet").write_bytes(b"PAR1 not really")
     with pytest.raises(DesignError, match="damaged"):

@@ -9,9 +9,10 @@ import pytest
 from scipy.io import savemat
 
 import edhas_jax as edhas
+from edhas_jax.core.remark import Severity
 from edhas_jax.machine.components.controllers import CascadeController
 from edhas_jax.machine.parameters import set_parameters
-from edhas_jax.measurements.campaign import CampaignError, Severity, Spread, Use
+from edhas_jax.measurements.campaign import CampaignError, Spread, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from tests.support.faulty_campaign import VALID_CAMPAIGN, copy_campaign, modify_table, replace_in_yaml
 

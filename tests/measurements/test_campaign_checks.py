@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from edhas_jax.commands.cli import main
-from edhas_jax.measurements.campaign import Severity
+from edhas_jax.core.remark import Severity
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from tests.support import ROOT

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from edhas_jax import Recorded, Rig, change, drive, par, signal, state
+from edhas_jax.core.remark import Severity
 from edhas_jax.measurements.accuracy import BenchAccuracy, RecorderClock
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Severity, Use
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.clock_alignment import find_clock_shifts, shifted, with_aligned_clocks

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from edhas_jax.config.tables.table_reader import read_table
 from edhas_jax.measurements.campaign_draft import CampaignDraft, DraftRun
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.table_guess import GuessedColumn, Role, clock_unit, guess_columns
-from edhas_jax.measurements.tables.table_reader import read_table
 
 AVAILABLE = "voltage", "current", "piston_position", "piston_velocity", "outlet_pressure", "outlet_flow"
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from edhas_jax.commands.cli import main
-from edhas_jax.measurements.campaign import Severity
+from edhas_jax.core.remark import Severity
 from edhas_jax.measurements.campaign_reader import read_campaign
 from tests.support.faulty_campaign import RUNS, VALID_CAMPAIGN, copy_campaign, faults, replace_in_yaml, rewrite
 

@@ -8,8 +8,9 @@ import pytest
 
 from edhas_jax import Rig, drive, par, state
 from edhas_jax.config.yaml_with_lines import YamlError
+from edhas_jax.core.remark import Severity
 from edhas_jax.machine.components.set_points import Recorded
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Severity, Use
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Use
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.checks.campaign_checks import checked_campaign
 from edhas_jax.measurements.checks.data_summary import data_as_json

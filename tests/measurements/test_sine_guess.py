@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from edhas_jax.config.tables.table import Column, Table
 from edhas_jax.measurements.table_guess import guess_columns, guess_sine
-from edhas_jax.measurements.tables.table import Column, Table
 
 AVAILABLE = "voltage", "current", "piston_position", "outlet_pressure"
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import edhas_jax as edhas
+from edhas_jax.core.remark import Severity
 from edhas_jax.measurements.accuracy import RecorderClock
-from edhas_jax.measurements.campaign import CampaignError, Severity
+from edhas_jax.measurements.campaign import CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
 from edhas_jax.measurements.clock_alignment import shifted
 

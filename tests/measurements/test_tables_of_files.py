@@ -9,11 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
+from edhas_jax.config.tables import table as table_module
+from edhas_jax.config.tables.table import Layout, TableError
+from edhas_jax.config.tables.table_reader import read_table, read_tables
 from edhas_jax.measurements.campaign import CampaignError
 from edhas_jax.measurements.campaign_reader import read_campaign
-from edhas_jax.measurements.tables import table as table_module
-from edhas_jax.measurements.tables.table import Layout, TableError
-from edhas_jax.measurements.tables.table_reader import read_table, read_tables
 
 DOT, COMMA = Layout(decimal="."), Layout(decimal=",")
 
@@ -332,7 +332,7 @@ def test_objects_of_matlab_are_named_with_what_to_do(tmp_path):
 def test_what_a_file_unpacks_to_is_limited_before_it_is_read(tmp_path, monkeypatch):
     """Each file is small and would need more than the limit, here 8 MB."""
     monkeypatch.setattr(table_module, "MAX_BYTES", 8_000_000)
-    monkeypatch.setattr("edhas_jax.measurements.tables.binary_tables.MAX_BYTES", 8_000_000)
+    monkeypatch.setattr("edhas_jax.config.tables.binary_tables.MAX_BYTES", 8_000_000)
     many = np.zeros(1_000_001)
     pq.write_table(pa.table({"time": many}), tmp_path / "a.parquet")
     savemat(tmp_path / "a.mat", {"x": many}, do_compression=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from edhas_jax.measurements.campaign import Severity
+from edhas_jax.core.remark import Severity
 from tests.support import DATA
 
 VALID_CAMPAIGN = DATA / "campaign_bench"

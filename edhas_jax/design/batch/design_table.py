@@ -1,10 +1,11 @@
-"""Tables of designs: names of their columns, and CSV or Parquet files of parameter values."""
+"""Tables of designs: names of their columns, and files of parameter values."""
 
 from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.config.number_table import NumberTable, NumberTableError
+from edhas_jax.config.tables.table import TableError
+from edhas_jax.config.tables.table_reader import CompleteTable
 from edhas_jax.core.structs import Parameter
 from edhas_jax.core.units import UnitError, format_quantity, to_si
 from edhas_jax.design.batch.experiment_design import MAX_DESIGNS, DesignError
@@ -37,10 +38,10 @@ def resolve_parameter(machine: Rig, name: str) -> tuple[Parameter, str]:
 
 
 def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
-    """Read the designs in a CSV or Parquet file: a column `name [unit]` per parameter, a row per design.
+    """Read the designs in a table: a column `name [unit]` per parameter, a row per design.
 
     Args:
-        path: the file.
+        path: the file: CSV, Parquet, Excel or another format of a recorder.
         machine: the machine that owns the parameters.
 
     Returns:
@@ -52,16 +53,18 @@ def read_design_table(path: Path | str, machine: Rig) -> dict[str, np.ndarray]:
     """
     path = Path(path)
     try:
-        table = NumberTable(path)
-        rows = table.read(range(len(table.headers)))
-    except NumberTableError as error:
-        raise DesignError(str(error)) from None
-    if not len(rows):
+        table = CompleteTable(path)
+        table.require_all_columns()
+        found = [(name, unit, table.values(name)) for name, unit in table.units.items()]
+    except TableError as error:
+        raise DesignError(error.at(path)) from None
+    if not len(table):
         raise DesignError(f"{path}: has no rows")
-    if len(rows) > MAX_DESIGNS:
-        raise DesignError(f"{path}: has {len(rows):,} designs; at most {MAX_DESIGNS:,}")
+    if len(table) > MAX_DESIGNS:
+        raise DesignError(f"{path}: has {len(table):,} designs; at most {MAX_DESIGNS:,}")
     columns: dict[str, np.ndarray] = {}
-    for cell, name, unit, values in zip(table.headers, table.names, table.units, rows.T, strict=True):
+    for name, unit, values in found:
+        cell = table.header(name)
         try:
             p, column = resolve_parameter(machine, name)
             usual = format_quantity(p.default, p.unit).partition(" ")[2] or "-"

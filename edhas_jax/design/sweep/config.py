@@ -45,7 +45,7 @@ SWEEP_KEYS = Keys({
     "count": Key(whole_number(1, MAX_DESIGNS), "number of designs of a sample", needed=True),
     "seed": SEED,
     "parameters": Key(AXES, "what varies"),
-    "file": Key(text_value(example="designs.csv"), "CSV or Parquet: a column `name [unit]` per parameter, a row per "
+    "file": Key(text_value(example="designs.csv"), "a table: a column `name [unit]` per parameter, a row per "
                 "design, no missing values", needed=True),
 }, "{kind: grid, parameters: {…}}", of_kind=KEYS_OF_KIND)  # fmt: skip
 KEYS = Keys(COMMON | {"sweep": Key(SWEEP_KEYS.kind, "which designs are simulated", needed=True)})

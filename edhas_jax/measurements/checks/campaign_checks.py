@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity, SignalsByRun
+from edhas_jax.core.remark import Remark, Severity
+from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, SignalsByRun
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
 from edhas_jax.measurements.checks.impossible_samples import (
     find_impossible_samples,

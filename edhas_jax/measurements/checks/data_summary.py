@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from typing import Any
 
-from edhas_jax.measurements.campaign import Campaign, Severity
+from edhas_jax.core.remark import Severity
+from edhas_jax.measurements.campaign import Campaign
 from edhas_jax.measurements.checks.noise_measurement import noise_as_json, noise_sentence
 
 MAX_LISTED = 3  # remarks that are quoted

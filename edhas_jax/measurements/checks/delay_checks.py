@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from edhas_jax.core import runtime
+from edhas_jax.core.remark import Remark
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, SignalsByRun
+from edhas_jax.measurements.campaign import BenchRun, Campaign, SignalsByRun
 from edhas_jax.measurements.sensor_models import SensorLag
 
 MIN_SHIFT = 1e-3  # s; a wrong parameter can cause smaller shifts

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
+from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.core.units import format_quantity
 from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.controllers import Supply
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Remark, Removal, Severity, SignalsByRun
+from edhas_jax.measurements.campaign import BenchRun, Campaign, Channel, Removal, SignalsByRun
 from edhas_jax.measurements.checks.noise_records import cycle_length, even_index
 from edhas_jax.measurements.checks.outlier_search import Record, find_excursions, find_outliers
 from edhas_jax.measurements.checks.repeated_values import (

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.core.units import from_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity, SignalsByRun
+from edhas_jax.measurements.campaign import BenchRun, Campaign, SignalsByRun
 from edhas_jax.measurements.checks import noise_records as records
 from edhas_jax.measurements.checks.noise_correlation import Autocovariance, autocorrelation_of, autoregression
 

@@ -4,8 +4,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from edhas_jax.core.remark import Remark
 from edhas_jax.core.units import difference_to_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark
+from edhas_jax.measurements.campaign import BenchRun, Campaign
 from edhas_jax.measurements.checks.noise_records import fast_noise
 from edhas_jax.measurements.checks.time_axis_checks import GAP_IN_INTERVALS, MAX_JITTER, jitter
 

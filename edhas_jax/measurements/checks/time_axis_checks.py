@@ -4,9 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from edhas_jax.core.remark import Remark
 from edhas_jax.core.units import format_quantity
 from edhas_jax.machine.rigs import Rig
-from edhas_jax.measurements.campaign import BenchRun, Remark
+from edhas_jax.measurements.campaign import BenchRun
 
 GAP_IN_INTERVALS = 1.5  # sample intervals between two time stamps above which samples are missing
 MAX_JITTER = 0.02  # rms deviation of the time steps, in sample intervals

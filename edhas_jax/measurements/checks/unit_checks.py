@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.core.units import difference_to_si, format_quantity
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, Severity, SignalsByRun
+from edhas_jax.measurements.campaign import BenchRun, Campaign, SignalsByRun
 from edhas_jax.measurements.unknown_parameters import ParameterScale, uncertain_unknowns
 
 MIN_FACTOR = 5.0  # factor between signal and model below which a wrong model may be the cause

@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from edhas_jax.core.remark import Remark
 from edhas_jax.core.units import from_si, values_to_si
-from edhas_jax.measurements.campaign import BenchRun, Campaign, Remark, SignalsByRun
+from edhas_jax.measurements.campaign import BenchRun, Campaign, SignalsByRun
 from edhas_jax.measurements.checks.noise_records import fast_noise
 
 MAX_REVERSED_CORRELATION = -0.8

@@ -7,10 +7,10 @@ from typing import Any
 
 from nicegui import ui
 
+from edhas_jax.config.tables.table import MAX_BYTES
 from edhas_jax.core.atomic_file import atomic_write
 from edhas_jax.core.literal_text import file_name
 from edhas_jax.core.units import format_quantity
-from edhas_jax.measurements.tables.table import MAX_BYTES
 from edhas_jax.workbench.calculator import CalculationError
 from edhas_jax.workbench.figures import record_figure
 from edhas_jax.workbench.views.elements import Choice, Head, MainButton, Quiet, Strong

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from edhas_jax.measurements.tables.cell_values import Cell, Row, decimal_mark, find_header, read_column
-from edhas_jax.measurements.tables.table import (
+from edhas_jax.config.tables.cell_values import Cell, Row, decimal_mark, find_header, read_column
+from edhas_jax.config.tables.table import (
     MAX_BYTES,
     TIME,
     Column,
@@ -377,7 +377,7 @@ def read_excel_tables(path: Path, layout: Layout, report: Report) -> list[Table]
         for name in [layout.sheet] if layout.sheet else names:
             rows = _rows(book[name])
             try:
-                return [_table_of_rows(rows, layout, report)]
+                return [_table_of_rows(rows, layout)]
             except TableError as error:
                 errors.append(error)
         raise errors[0]
@@ -404,7 +404,7 @@ def _rows(sheet: Any) -> list[Row]:
     return [(line, cells) for line, cells in rows if any(cell is not None for cell in cells)]
 
 
-def _table_of_rows(rows: list[Row], layout: Layout, report: Report) -> Table:
+def _table_of_rows(rows: list[Row], layout: Layout) -> Table:
     """The table in the rows of a sheet."""
     sample = [cells for _, cells in rows[:: max(1, len(rows) // SAMPLED_ROWS)]]
     header = find_header(rows, sample, "cells")
@@ -414,7 +414,7 @@ def _table_of_rows(rows: list[Row], layout: Layout, report: Report) -> Table:
     columns = {}
     for (name, unit), cells in zip(header.names, zip(*(cells for _, cells in body), strict=True), strict=True):
         if name:
-            columns[name] = read_column(name, unit, cells, lines, mark, bool(layout.decimal), report)
+            columns[name] = read_column(name, unit, cells, lines, mark, bool(layout.decimal))
     return Table(columns, lines, header.line)
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import Severity
-from edhas_jax.measurements.tables.cell_values import EXPECTED, decimal_mark, find_header, read_column
-from edhas_jax.measurements.tables.table import Column, Layout, Report, Table, TableError, names_and_units, require_size
+from edhas_jax.config.tables.cell_values import EXPECTED, decimal_mark, find_header, read_column
+from edhas_jax.config.tables.table import Column, Layout, Report, Table, TableError, names_and_units, require_size
+from edhas_jax.core.remark import Severity
 
 SAMPLED_LINES = 400  # from which the delimiter, the decimal mark and the number of columns are found
 MAX_LISTED = 3  # lines of one kind that are reported one by one
@@ -119,7 +119,7 @@ def _read_lines(
         elif name:
             cells = frame[at].astype(object)
             cells = cells.where(cells.notna(), None).map(lambda cell: cell if cell is None else str(cell)).to_list()
-            column = read_column(name, unit, cells, kept, decimal, is_stated, report)
+            column = read_column(name, unit, cells, kept, decimal, is_stated)
         if name:
             columns[name] = column
     return Table(columns, kept, header_line)
@@ -173,16 +173,16 @@ def _report_left_out(found: Sequence[tuple[int, str]], verb: str, report: Report
     """Report lines with what is wrong with each; of many the first alone, with `verb` for what the others are."""
     if len(found) > MAX_LISTED:
         (line, problem), others = found[0], f"{len(found) - 1} more lines up to line {found[-1][0]}"
-        report(line, f"{problem}; so {verb} {others}; these lines are left out")
+        report(line, f"{problem}; so {verb} {others}", outcome="these lines are left out")
         return
     for line, problem in found:
-        report(line, f"{problem}; line left out")
+        report(line, problem, outcome="line left out")
 
 
 def _report_no_line_end(line: int, report: Report) -> None:
     """Note that the last line of a text, which is used, has no line end: "0.0123" cut to "0.0" passes as a number."""
-    sentence = "the last line has no line end; it is used; if the file was cut off, its last value may be wrong"
-    report(line, sentence, Severity.NOTE)
+    outcome = "it is used; if the file was cut off, its last value may be wrong"
+    report(line, "the last line has no line end", Severity.NOTE, outcome)
 
 
 def _read_labview(lines: Sequence[str], layout: Layout, report: Report) -> list[Table]:
@@ -204,7 +204,7 @@ def _read_labview(lines: Sequence[str], layout: Layout, report: Report) -> list[
         _report_no_line_end(cut, report)
         cut = 0
     elif cut:
-        report(cut, "the last line has no line end; the file seems to be truncated; line left out")
+        report(cut, "the last line has no line end; the file seems to be truncated", outcome="line left out")
     stamps, segments = [], []
     for start, end, until in zip(ends, ends[1:], [*ends[2:], len(lines)], strict=False):
         header = _entries(lines[start + 1 : end], delimiter)
@@ -220,7 +220,7 @@ def _read_labview(lines: Sequence[str], layout: Layout, report: Report) -> list[
         stamps.append(" ".join(header.get(key, [""])[0] for key in ("Date", "Time")))
     if not segments:
         raise TableError(0, "holds no segment of samples, as a measurement file of LabVIEW does")
-    seconds = read_column("", "", stamps, np.arange(len(stamps)), ".", True, lambda line, sentence: None).values
+    seconds = read_column("", "", stamps, np.arange(len(stamps)), ".", True).values
     series: dict[tuple[str, ...], list[tuple[Table, float]]] = {}
     for tables, start in zip(segments, seconds, strict=True):
         for table in tables:
@@ -263,7 +263,7 @@ def _segment(names: Sequence[str], header: Mapping[str, Sequence[str]], values: 
         unit_of_x = "s" if stated("X_Dimension", channel, "Time") == "Time" else ""
         new = Table({X_NAME: Column(unit_of_x, x[used])}, values.lines[used], values.header_line)
         table = tables.setdefault(x.tobytes(), new)
-        table.columns[name] = Column(unit, columns[k].values[used], columns[k].fault)
+        table.columns[name] = Column(unit, columns[k].values[used], columns[k].fault, columns[k].gap)
     return list(tables.values())
 
 
@@ -278,6 +278,9 @@ def _in_sequence(parts: Sequence[tuple[Table, float]], name: str) -> Table:
     columns = {}
     for key, first in tables[0].columns.items():
         own = times if key == X_NAME else [table.columns[key].values for table in tables]
-        fault = next((f for table in tables if (f := table.columns[key].fault)), None)
-        columns[key] = Column(first.unit, np.concatenate(own), fault)
+        fault, gap = (
+            next((found for table in tables if (found := getattr(table.columns[key], kind))), None)
+            for kind in ("fault", "gap")
+        )
+        columns[key] = Column(first.unit, np.concatenate(own), fault, gap)
     return Table(columns, np.concatenate([table.lines for table in tables]), tables[0].header_line, name)

@@ -1,7 +1,8 @@
-"""Read the table of a run from a file of any format that data loggers write; its content says which one it is.
+"""Read a table from a file of any format that data loggers write; its content says which one it is.
 
-Nothing is repaired: unreadable lines are left out, unreadable numbers are NaN, and a remark reports each; a column that
-cannot be read says why (`Column.fault`).
+Nothing is repaired: in the record of a run, unreadable lines are left out, unreadable numbers are NaN, and a remark
+reports each; a column that cannot be read says why (`Column.fault`). In a table that a configuration names, nothing may
+be missing (`CompleteTable`).
 """
 
 from collections.abc import Callable, Sequence
@@ -9,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.config.tables import binary_tables as binary
+from edhas_jax.config.tables.table import MAX_BYTES, TIME, Column, Layout, Report, Table, TableError
+from edhas_jax.config.tables.text_table import read_text_tables
 from edhas_jax.core.regular_file import FileKindError, require_regular_file
-from edhas_jax.measurements.campaign import Remark, Severity
-from edhas_jax.measurements.tables import binary_tables as binary
-from edhas_jax.measurements.tables.table import MAX_BYTES, TIME, Column, Layout, Report, Table, TableError
-from edhas_jax.measurements.tables.text_table import read_text_tables
+from edhas_jax.core.remark import Remark, Severity
 
 MIN_SAMPLES = 2  # of a table; a single value is a setting of the logger
 MAX_NAMES = 8  # columns that a message names
@@ -47,16 +48,10 @@ def read_tables(path: Path, remark: Callable[[Remark], None], layout: Layout = L
     Raises:
         TableError: the file does not exist, has another format, is damaged, or has fewer than two samples.
     """
-    try:
-        if (size := require_regular_file(path)) > MAX_BYTES:
-            raise TableError(0, f"has {size / 1e6:.4g} MB; at most {MAX_BYTES / 1e6:.4g} MB are read")
-        tables = _reader(path)(path, layout, _report(path, remark))
-    except FileNotFoundError:
-        raise TableError(0, "no such file") from None
-    except FileKindError as error:
-        raise TableError(0, str(error.strerror)) from None
-    except OSError as error:
-        raise TableError(0, f"cannot be read: {error.strerror or error}") from None
+    report = _report(path, remark)
+    tables = _tables(path, report, layout)
+    for gap in (column.gap for table in tables for column in table.columns.values() if column.gap):
+        report(gap.line, str(gap), outcome="taken as missing")
     count = max((len(table.lines) for table in tables), default=0)
     if count < MIN_SAMPLES:
         raise TableError(0, f"at least {MIN_SAMPLES} samples are needed; there are {count}")
@@ -69,6 +64,86 @@ def read_table(path: Path, remark: Callable[[Remark], None], layout: Layout = La
     Args, returns and raises as of `read_tables`.
     """
     return _joined(read_tables(path, remark, layout), _report(path, remark))
+
+
+class CompleteTable:
+    """A table of which no line may be left out, and no number that is needed may be missing.
+
+    Args:
+        path: the file, of any format.
+
+    Attributes:
+        units: by name of a column its unit in the file, "" without one.
+
+    Raises:
+        TableError: as `read_tables`, and where a line cannot be used, or the last one has no end.
+    """
+
+    def __init__(self, path: Path):
+        self._columns_left_out: list[str] = []
+
+        def report(line: int, sentence: str, severity: Severity = Severity.ERROR, outcome: str = "") -> None:
+            if line:
+                remedy = "" if severity is Severity.ERROR else "; add one if the file is complete"
+                raise TableError(line, sentence + remedy)
+            self._columns_left_out.append(sentence)
+
+        self._path, self._table = path, _joined(_tables(path, report, Layout()), report)
+        self.units = {name: column.unit for name, column in self._table.columns.items()}
+
+    def __len__(self):
+        return len(self._table.lines)
+
+    def header(self, name: str) -> str:
+        """The header of a column: `name [unit]`."""
+        return f"{name} [{self.units[name]}]" if self.units[name] else name
+
+    def place(self, row: int) -> str:
+        """File and line of a row."""
+        return f"{self._path}:{self._table.lines[row]}"
+
+    def values(self, name: str) -> np.ndarray:
+        """The numbers (rows,) in a column, in its unit.
+
+        Raises:
+            TableError: one of them is missing or not finite.
+        """
+        column = self._table.columns[name]
+        if problem := column.fault or column.gap:
+            raise problem
+        wrong = ~np.isfinite(column.values)
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            missing = "a number is missing; every row needs one" if np.isnan(column.values[k]) else "must be finite"
+            raise TableError(int(self._table.lines[k]), f"`{self.header(name)}`: {missing}")
+        return column.values
+
+    def require_all_columns(self) -> None:
+        """Check that every column of the file holds numbers.
+
+        Raises:
+            TableError: one does not.
+        """
+        for sentence in self._columns_left_out:
+            raise TableError(0, sentence)
+
+
+def _tables(path: Path, report: Report, layout: Layout) -> list[Table]:
+    """The tables in a file as its reader finds them.
+
+    Raises:
+        TableError: the file does not exist, has another format, or is damaged.
+    """
+    try:
+        if (size := require_regular_file(path)) > MAX_BYTES:
+            raise TableError(0, f"has {size / 1e6:.4g} MB; at most {MAX_BYTES / 1e6:.4g} MB are read")
+        return _reader(path)(path, layout, report)
+    except FileNotFoundError:
+        raise TableError(0, "no such file") from None
+    except FileKindError as error:
+        raise TableError(0, str(error.strerror)) from None
+    except OSError as error:
+        raise TableError(0, f"cannot be read: {error.strerror or error}") from None
 
 
 def _joined(tables: Sequence[Table], report: Report) -> Table:
@@ -109,8 +184,8 @@ def _same(one: Column | None, other: Column | None) -> bool:
 
 
 def _report(path: Path, remark: Callable[[Remark], None]) -> Report:
-    def report(line: int, sentence: str, severity: Severity = Severity.ERROR) -> None:
-        remark(Remark(severity, path, line, sentence))
+    def report(line: int, sentence: str, severity: Severity = Severity.ERROR, outcome: str = "") -> None:
+        remark(Remark(severity, path, line, "; ".join(filter(None, (sentence, outcome)))))
 
     return report
 

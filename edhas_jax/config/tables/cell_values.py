@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from edhas_jax.config.tables.table import Column, TableError, names_and_units
 from edhas_jax.core.units import is_unit_of
-from edhas_jax.measurements.tables.table import Column, Report, TableError, names_and_units
 
 Cell = str | float | datetime.datetime | datetime.time | datetime.timedelta | None
 Row = tuple[int, Sequence[Cell]]  # line and cells
@@ -61,7 +61,7 @@ def decimal_mark(cells: Sequence[Cell]) -> str:
 
 
 def read_column(
-    name: str, unit: str, cells: Sequence[Cell], lines: np.ndarray, decimal: str, is_stated: bool, report: Report
+    name: str, unit: str, cells: Sequence[Cell], lines: np.ndarray, decimal: str, is_stated: bool
 ) -> Column:
     """Read the cells of a column.
 
@@ -72,7 +72,6 @@ def read_column(
         lines: their lines (samples,).
         decimal: decimal mark of the file.
         is_stated: whether the user has stated it.
-        report: called for single cells that hold no number and are taken as missing.
     """
     texts = [cell.strip() if isinstance(cell, str) else cell for cell in cells]
     if any(isinstance(cell, datetime.datetime | datetime.time | datetime.timedelta) for cell in texts):
@@ -98,11 +97,10 @@ def read_column(
     is_fault = len(numbers) > MAX_FAILING * (len(numbers) + int((~missing).sum()))
     first = numbers[0] if is_fault else failing[0]
     text, more = str(texts[first]), f" (and {len(failing) - 1} more in this column)" if len(failing) > 1 else ""
-    sentence = f'`{name[:MAX_QUOTED]}`: "{text[:MAX_QUOTED]}" is not a number{more}; '
+    sentence = f'`{name[:MAX_QUOTED]}`: "{text[:MAX_QUOTED]}" is not a number{more}'
     if is_fault:
-        return Column(unit, values, TableError(int(lines[first]), sentence + _remedy(text, decimal)))
-    report(int(lines[first]), sentence + "taken as missing")
-    return Column(unit, values)
+        return Column(unit, values, TableError(int(lines[first]), f"{sentence}; {_remedy(text, decimal)}"))
+    return Column(unit, values, gap=TableError(int(lines[first]), sentence))
 
 
 def _is_filled(cell: Cell) -> bool:

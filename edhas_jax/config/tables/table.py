@@ -3,11 +3,12 @@
 import dataclasses
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from edhas_jax.measurements.campaign import Severity
+from edhas_jax.core.remark import Severity
 
 TIME = "time"  # the name of the time stamps that a file keeps apart from its channels
 # bytes of a file, and of its numbers in memory, where several copies of them must fit
@@ -21,9 +22,12 @@ class Report(Protocol):
         line: the line, 0 for the file as a whole.
         sentence: what is there.
         severity: a note where nothing is left out.
+        outcome: what is done about it.
     """
 
-    def __call__(self, line: int, sentence: str, severity: Severity = Severity.ERROR) -> None: ...
+    def __call__(
+        self, line: int, sentence: str, severity: Severity = Severity.ERROR, outcome: str = ""
+    ) -> None: ...
 
 
 class TableError(ValueError):
@@ -32,6 +36,10 @@ class TableError(ValueError):
     def __init__(self, line: int, sentence: str):
         super().__init__(sentence)
         self.line = line
+
+    def at(self, path: Path) -> str:
+        """The sentence behind the file and the line at fault."""
+        return f"{path}:{self.line}: {self}" if self.line else f"{path}: {self}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,11 +50,13 @@ class Column:
         unit: the unit stated in the file, "" without one.
         values: the values (samples,) as in the file.
         fault: why the column cannot be used; to be raised where it is needed.
+        gap: the first cell that holds something else than a number and is NaN; None without one.
     """
 
     unit: str
     values: np.ndarray
     fault: TableError | None = None
+    gap: TableError | None = None
 
 
 @dataclasses.dataclass(frozen=True)
