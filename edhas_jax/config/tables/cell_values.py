@@ -31,7 +31,7 @@ STAMP = re.compile(
 )
 DAY = 86400.0  # s
 MAX_ROWS_ABOVE = 3  # rows between the names of the columns and the first numbers
-EXPECTED = "the first line names the columns, such as `time [s],voltage [V]`, then follows a line for each sample"
+EXPECTED = "the first line names the columns, such as `time [s],voltage [V]`, then follow lines of numbers"
 MEASURED_UNITS = ("s", "V", "A", "m", "m/s", "Pa", "m^3/s", "N", "K")
 
 
