@@ -5,7 +5,7 @@ recorded signal only: the controller of the machine sees the true value. All mod
 differentiated in their parameters.
 """
 
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +13,31 @@ import jax.numpy as jnp
 from edhas_jax.core.structs import par, struct
 
 
+class SensorModel:
+    """One link of a measurement chain, with one parameter; `record` gives the recorded signal.
+
+    Attributes:
+        id: name in files and reports.
+        looks_like: how its error shows.
+        confused_with: ids of what looks alike.
+        memoryless: whether the error depends on the present value of the signal, and not on its rate of change.
+        plausible_share: plausible range of a parameter in the unit of the signal, as a share of the range of the signal
+            in a campaign; None where the parameter states its plausible range itself, or has none.
+    """
+
+    id: ClassVar[str]
+    looks_like: ClassVar[str]
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    memoryless: ClassVar[bool] = False
+    plausible_share: ClassVar[tuple[float, float] | None] = None
+
+    def record(self, time, values):
+        """The recorded signal (samples, …) for the true signal `values` (samples, …) at `time` (samples,) [s]."""
+        raise NotImplementedError
+
+
 @struct
-class SensorLag:
+class SensorLag(SensorModel):
     """First-order lag: τ ẏ = u − y, with u constant over each interval at the value of the sample that ends it.
 
     y_k = u_k + (y_{k−1} − u_k) e^{−h/τ}
@@ -41,7 +64,7 @@ class SensorLag:
 
 
 @struct
-class SensorDelay:
+class SensorDelay(SensorModel):
     """Dead time: y(t) = u(t − T), and the first value until t = T."""
 
     id: ClassVar[str] = "sensor_delay"
@@ -56,12 +79,13 @@ class SensorDelay:
 
 
 @struct
-class SensorGain:
+class SensorGain(SensorModel):
     """Gain error: y = g u."""
 
     id: ClassVar[str] = "sensor_gain"
     looks_like: ClassVar[str] = "this signal alone is too large or too small by a constant factor"
     confused_with: ClassVar[tuple[str, ...]] = ("sensor_offset",)
+    memoryless: ClassVar[bool] = True
 
     gain: float = par(1.05, "-", (1e-3, 1e3), "gain g", plausible=(0.9, 1.1))
 
@@ -71,12 +95,14 @@ class SensorGain:
 
 
 @struct
-class SensorOffset:
+class SensorOffset(SensorModel):
     """Offset error: y = u + b, b in the SI unit of the signal."""
 
     id: ClassVar[str] = "sensor_offset"
     looks_like: ClassVar[str] = "this signal alone is shifted by a constant, even before the run starts"
     confused_with: ClassVar[tuple[str, ...]] = ("sensor_gain",)
+    memoryless: ClassVar[bool] = True
+    plausible_share: ClassVar[tuple[float, float]] = (-0.1, 0.1)
 
     offset: float = par(0.0, "-", (-1e12, 1e12), "offset b, in the SI unit of the signal")
 
@@ -86,7 +112,7 @@ class SensorOffset:
 
 
 @struct
-class AntiAliasFilter:
+class AntiAliasFilter(SensorModel):
     """Second-order Butterworth low-pass filter, ÿ + √2 ω ẏ + ω² y = ω² u with ω = 2π f, solved exactly."""
 
     id: ClassVar[str] = "anti_alias_filter"
@@ -106,7 +132,7 @@ class AntiAliasFilter:
 
 
 @struct
-class Sampling:
+class Sampling(SensorModel):
     """Sample and hold: y(t) = u(k Δ), where k Δ is the last multiple of Δ up to t, counted from the first sample."""
 
     id: ClassVar[str] = "sampling"
@@ -123,7 +149,7 @@ class Sampling:
 
 
 @struct
-class Quantisation:
+class Quantisation(SensorModel):
     """Quantisation by an analogue-to-digital converter: y = q round(u/q), q in the SI unit of the signal.
 
     Its derivative by u is taken as 1, the mean slope of the staircase, so that gradients pass through it.
@@ -131,7 +157,7 @@ class Quantisation:
 
     id: ClassVar[str] = "quantisation"
     looks_like: ClassVar[str] = "this signal alone takes few values, all multiples of one step"
-    confused_with: ClassVar[tuple[str, ...]] = ()
+    memoryless: ClassVar[bool] = True
 
     resolution: float = par(1e-3, "-", (1e-15, 1e12), "quantisation step q, in the SI unit of the signal")
 
@@ -142,8 +168,9 @@ class Quantisation:
         return self.resolution * steps + (values - jax.lax.stop_gradient(values))
 
 
-SensorModel = SensorLag | SensorDelay | SensorGain | SensorOffset | AntiAliasFilter | Sampling | Quantisation
-SENSOR_MODELS: tuple[type[SensorModel], ...] = get_args(SensorModel)
+SENSOR_MODELS: tuple[type[SensorModel], ...] = (
+    SensorLag, SensorDelay, SensorGain, SensorOffset, AntiAliasFilter, Sampling, Quantisation
+)  # fmt: skip
 
 
 def record(chain: tuple[SensorModel, ...], time, values) -> Any:

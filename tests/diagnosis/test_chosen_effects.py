@@ -4,10 +4,12 @@ import dataclasses
 import math
 import re
 
+import numpy as np
 import pytest
 
 import edhas_jax as edhas
 from edhas_jax.core import structs
+from edhas_jax.core.structs import par
 from edhas_jax.core.units import estimate_text
 from edhas_jax.diagnosis.candidates.candidate import Candidate, from_absence
 from edhas_jax.diagnosis.search.chosen_effects import calibrated_model, fit_with_effects, with_effect
@@ -18,12 +20,14 @@ from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.machine.effects import (
     LIBRARY,
     EddyDrag,
+    Effect,
     ForceConstantDroop,
     InverterDeadTime,
     LugreFriction,
     MagneticSaturation,
     ParasiticSpring,
 )
+from edhas_jax.measurements.sensor_models import SensorOffset
 from edhas_jax.tasks.add import AddResult
 from edhas_jax.tasks.add import add as edhas_add
 from tests.support.synthetic_campaign import bench, empty_campaign, measured
@@ -129,6 +133,27 @@ def test_sizes_vanish_together():
     assert [p.name for p in Candidate(EddyDrag).sizes()] == ["eddy_coefficient"]
     for kind in LIBRARY:
         assert not Candidate(kind).free_parameters() or Candidate(kind).sizes()
+
+
+def test_the_prior_of_a_sensor_offset_is_five_percent_of_the_range_of_its_signal():
+    campaign, candidate = campaign_of(), Candidate(SensorOffset, "current")
+    (offset,) = candidate.unknowns(campaign)
+    extent = np.ptp(np.concatenate([run.signals["current"] for run in campaign.runs]))
+    assert (offset.centre, offset.spread) == (0.0, pytest.approx(0.05 * extent, rel=1e-12))
+    assert candidate.unit(offset, campaign.machine) == "A" and offset.unit == "-"
+
+
+class Shim(Effect):
+    """A force whose parameter has the name of that of a sensor offset."""
+
+    offset: float = par(0.0, "N", (-1e3, 1e3), "force")
+
+    def mover_force(self, s, z):
+        return self.offset
+
+
+def test_an_effect_with_a_parameter_of_that_name_is_no_sensor_fault():
+    assert Candidate(Shim).free_parameters() == [] == Candidate(Shim).unknowns(empty_campaign())
 
 
 def test_texts_of_estimates():

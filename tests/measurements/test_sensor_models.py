@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from edhas_jax.core.structs import owner_id, parameters, replace
+from edhas_jax.diagnosis.candidates.candidate import SENSOR_FAULTS
 from edhas_jax.measurements.sensor_models import (
     SENSOR_MODELS,
     AntiAliasFilter,
@@ -144,4 +145,7 @@ def test_sensor_models_declare_what_a_diagnosis_needs():
         assert p.span[0] <= p.default <= p.span[1] and sensor.looks_like
         if p.plausible:
             assert p.span[0] <= p.plausible[0] <= p.default <= p.plausible[1] <= p.span[1]
+    for fault in SENSOR_FAULTS:  # a range of its own, or a share of that of the signal
+        (p,) = parameters(fault)
+        assert (p.plausible is None) != (fault.plausible_share is None)
     assert replace(SensorLag(), lag_time=1e-3).lag_time == 1e-3

@@ -2,6 +2,7 @@
 
 import functools
 import importlib.util
+import os
 import re
 import shutil
 from pathlib import Path
@@ -65,7 +66,6 @@ def test_explore_example(here):
     assert (here / "run.png").stat().st_size > 10_000
     reopened = edhas.open_run(here / "runs" / "20hz")
     assert reopened.metrics["mean_flow"] == names["run"].metrics["mean_flow"]
-    assert f"{len(reopened.metrics)} metrics" in block
     assert dict(names["swept"].sizes) == {"piston_clearance": 8, "frequency": 2}
     assert (names["swept"]["mean_leakage"] > 0.0).all() and (here / "heat.png").stat().st_size > 10_000
 
@@ -193,11 +193,18 @@ def test_every_slot_is_on_its_page():
 
 
 def test_every_effect_is_on_its_page_with_its_plausible_ranges():
-    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    path = ROOT / "docs" / "effects.md"
+    page, rows = path.read_text(encoding="utf-8"), []
     for kind in LIBRARY:
         where = ", ".join(dict.fromkeys(slot.location for slot in kind.slots))
         parameters = "; ".join(f"`{p.name}` {interval(p)}" for p in parameters_of(kind))
-        assert f"| `{kind.id}` | {where} | {parameters} |" in page
+        rows.append(f"| `{kind.id}` | {where} | {parameters} |\n")
+    head = "| effect | acts on | parameters, plausible range |\n| --- | --- | --- |\n"
+    before, table, after = re.split(rf"(?<={re.escape(head)})((?:\|.*\n)+)", page)
+    if os.environ.get("EDHAS_UPDATE_GOLDEN") == "1":
+        path.write_text(before + "".join(rows) + after, encoding="utf-8")
+        table = "".join(rows)
+    assert table.splitlines(keepends=True) == rows
 
 
 def interval(p) -> str:

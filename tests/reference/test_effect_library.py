@@ -8,6 +8,7 @@ import yaml
 import edhas_jax as edhas
 from edhas_jax.core import structs
 from edhas_jax.core.units import to_si
+from edhas_jax.diagnosis.candidates.candidate import SENSOR_FAULTS
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects import LIBRARY
 from edhas_jax.machine.rigs import RIGS, ActuatorBench, ActuatorSystem, PumpBench, Rig, components_by_name
@@ -17,7 +18,7 @@ from tests.support.independent_solver import trajectory
 from tests.support.reference import nominal, rms
 
 REFINED = ("lugre_friction", "piston_leakage", "entrained_air")
-SENSORS = ("sensor_lag", "sensor_delay", "sensor_gain", "sensor_offset")
+SENSORS = {kind.id for kind in SENSOR_FAULTS}
 # parameter values that switch an effect off; effects without such a value are mounted only where needed
 OFF = {
     "force_constant_droop": {"droop": 0.0}, "magnetic_saturation": {"saturation_current": 1e5},
@@ -206,5 +207,5 @@ def test_confusable_effects_and_parameters_exist():
     assert len(RIGS) == len(machines)
     for effect in LIBRARY:
         assert effect.looks_like and effect.confused_with, effect.id
-        assert set(effect.confused_with) <= ids | names | set(SENSORS) - {effect.id}, effect.id
+        assert set(effect.confused_with) <= ids | names | SENSORS - {effect.id}, effect.id
         assert any(p.plausible for p in structs.parameters(effect)), effect.id

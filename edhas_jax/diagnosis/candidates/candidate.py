@@ -32,7 +32,6 @@ PLAUSIBLE_COORDINATE, PLAUSIBLE_RANGE_SIGMAS = 2.0, 4.0
 MOST_ON_GRID = 3  # parameters of a law whose signatures are taken on a grid; those of one with more at spread points:
 SPREAD_POINTS, SPREAD_HALF_WIDTH = 32, 1.5  # their number, and their range in prior standard deviations
 USUAL_COORDINATE = 1.5  # of a number of a free term, in standard deviations of its prior
-OFFSET_STD_SHARE = 0.05  # prior standard deviation of a sensor offset, as a share of the signal's range
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,12 +87,17 @@ class Candidate:
         return {name: float(known[u.name]) for name, u in own.items() if u.has_prior}
 
     def free_parameters(self) -> list[Parameter]:
-        """The parameters that a fit has to estimate: those with a plausible range, and offsets."""
-        return [p for p in structs.parameters(self.kind) if p.plausible is not None or p.name == "offset"]
+        """The parameters that a fit has to estimate: those with a plausible range."""
+        return [p for p in structs.parameters(self.kind) if p.plausible is not None or self.has_unit_of_signal]
+
+    @property
+    def has_unit_of_signal(self) -> bool:
+        """Whether its parameter has the unit and a share of the range of the signal, as a sensor offset."""
+        return self.signal is not None and self.kind.plausible_share is not None
 
     def unit(self, unknown: UnknownParameter, machine: Rig) -> str:
-        """The SI unit of one of its unknowns; a sensor offset has the unit of its signal."""
-        return machine.signals[self.signal].unit if self.signal and unknown.name.endswith(".offset") else unknown.unit
+        """The SI unit of one of its unknowns."""
+        return machine.signals[self.signal].unit if self.has_unit_of_signal else unknown.unit
 
     def sizes(self) -> list[Parameter]:
         """The parameters that vanish together where the effect is absent.
@@ -114,24 +118,22 @@ class Candidate:
         """The free parameters as unknowns of a fit, with their priors.
 
         The plausible range of the library is taken as ±2 standard deviations of the prior: log-normal where the range
-        is positive, else normal. A standard deviation stated by the campaign takes precedence. A sensor offset has a
-        normal prior of `OFFSET_STD_SHARE` of the measured range. All are limited to the prior bound.
+        is positive, else normal. A standard deviation stated by the campaign takes precedence. The range of a sensor
+        fault in the unit of its signal is a share of the measured range. All are limited to the prior bound.
         """
-        out = []
+        out, extent = [], 1.0
+        if self.has_unit_of_signal:
+            measured = [run.signals[self.signal] for run in campaign.runs if self.signal in run.signals]
+            extent = float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in measured])))
         for p in self.free_parameters():
             name = self.prefix + p.name
+            low, high = p.plausible or (extent * share for share in self.kind.plausible_share)
             if self.signal is None and p.name in campaign.uncertain:
                 u = with_prior(p, name, p.default, campaign.uncertain[p.name])
-            elif p.plausible is None:
-                measured = [run.signals[self.signal] for run in campaign.runs if self.signal in run.signals]
-                spread = OFFSET_STD_SHARE * float(np.ptp(np.concatenate([v[np.isfinite(v)] for v in measured])))
-                u = UnknownParameter(name, 0.0, spread, p.unit, p.span, ParameterScale.LINEAR)
-            elif p.plausible[0] > 0.0:
-                low, high = p.plausible
+            elif low > 0.0:
                 spread = math.log(high / low) / PLAUSIBLE_RANGE_SIGMAS
                 u = UnknownParameter(name, math.sqrt(low * high), spread, p.unit, p.span)
             else:
-                low, high = p.plausible
                 spread = (high - low) / PLAUSIBLE_RANGE_SIGMAS
                 u = UnknownParameter(name, 0.5 * (low + high), spread, p.unit, p.span, ParameterScale.LINEAR)
             out.append(limit_to_prior_bound(u))

@@ -81,9 +81,8 @@ class Detectability:
 
     @property
     def unit(self) -> str:
-        """The SI unit of the parameter; an offset has the unit of its signal."""
-        is_offset = self.candidate.signal is not None and self.parameter == "offset"
-        return self.signal_unit if is_offset else self.unknown.unit
+        """The SI unit of the parameter."""
+        return self.signal_unit if self.candidate.has_unit_of_signal else self.unknown.unit
 
 
 def strength_points(unknowns: list[UnknownParameter]) -> np.ndarray:

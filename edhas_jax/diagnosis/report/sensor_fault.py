@@ -11,7 +11,6 @@ from edhas_jax.machine.interface.signals import Signal
 from edhas_jax.measurements.instruments import Instruments
 from edhas_jax.measurements.measurement_model import MeasurementModel
 from edhas_jax.measurements.residuals import Z_95
-from edhas_jax.measurements.sensor_models import SensorGain, SensorOffset
 
 ERROR_BINS = 24  # bins of equal count over which errors are averaged
 
@@ -44,14 +43,14 @@ def estimate_sensor_error(fitted: Fit, candidate: Candidate) -> SensorError:
 
     Args:
         fitted: a fit that contains the sensor fault.
-        candidate: the sensor fault. Gain and offset are shown over the signal, lag and delay over its rate.
+        candidate: the sensor fault. One without memory is shown over the signal, others over its rate.
     """
     signal, base = candidate.signal, fitted.problem.model()
     chain = tuple(link for link in fitted.instruments.chains[signal] if not isinstance(link, candidate.kind))
     instruments = Instruments({**fitted.instruments.chains, signal: chain})
     model = MeasurementModel(base.campaign, fitted.machine, (), fitted.runs, instruments)
     found = model.predict_all_runs(np.zeros(0), fitted.resolution.fine)
-    over_rate = candidate.kind not in (SensorGain, SensorOffset)
+    over_rate = not candidate.kind.memoryless
     rows = []
     for r, run in enumerate(base.runs):
         if signal in run.signals:
