@@ -24,6 +24,7 @@ from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law
 from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.diagnosis.laws.law_places import law_places
+from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
 from edhas_jax.diagnosis.laws.model_files import write_curve_model
 from edhas_jax.inference.fit.calibration import campaign_residuals
 from edhas_jax.inference.fit.fit import fit
@@ -153,6 +154,20 @@ def test_the_law_at_the_nodes_of_a_curve_is_that_of_the_effect(dead_time):
         assert law_at_nodes(with_law, candidate, curve(place, nodes)) is None
     # friction depends on its bristles too, so that no curve alone can be its law
     assert law_at_nodes(with_law, Candidate(LugreFriction), curve(POSITION, nodes)) is None
+
+
+def test_a_curve_times_a_signal_is_as_large_as_the_law_where_that_signal_has_its_rms_value(dead_time):
+    """The friction as a curve over the position times the speed is a damping: a force over a speed."""
+    _, with_law, _ = dead_time
+    friction = Candidate(LugreFriction)
+    places = law_places(with_law.machine, "mover_friction")
+    force = law_size(with_law, friction, next(place for place in places if not place.factors))
+    products = [place for place in places if place.factors]
+    assert products and force > 0.0
+    for place in products:
+        values = samples_at_slots(with_law, (place,), friction.id)[place.slot].values
+        factor = np.prod([values[name] for name in place.factors], axis=0)
+        assert law_size(with_law, friction, place) * np.sqrt(np.mean(factor**2)) == pytest.approx(force)
 
 
 def test_a_law_may_deviate_by_half_of_its_size_over_its_own_variable(dead_time):
