@@ -114,12 +114,12 @@ def _response(m, s):
 
 
 def _response_time(m, s):
-    response = _response(m, s)
-    outside = np.flatnonzero(response < 1.0 - SETTLING_BAND)
+    error = np.abs(_response(m, s) - 1.0)
+    outside = np.flatnonzero(error > SETTLING_BAND)
     if not len(outside) or outside[-1] + 1 == len(s.time):
         return np.nan
     k = outside[-1]
-    return np.interp(1.0 - SETTLING_BAND, response[k : k + 2], s.time[k : k + 2])
+    return np.interp(SETTLING_BAND, error[[k + 1, k]], s.time[[k + 1, k]])
 
 
 def _is_known(m, x):

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
+from edhas_jax.config.declared_keys import quantity, size_in
+from edhas_jax.config.document import Entry
 from edhas_jax.config.machine_config import ConfigError, build_config, read_config
 from edhas_jax.config.machine_keys import machine_schema
 from edhas_jax.config.writer import dump_config
 from edhas_jax.core.structs import replace
+from edhas_jax.core.units import exact_quantity
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.controllers import CascadeController, OpenLoop
 from edhas_jax.machine.components.set_points import Chirp, Sine, Step
@@ -57,6 +60,36 @@ def test_round_trip(rig, tmp_path):
     assert same(config.machine, machine)
     assert config.simulation == settings
     assert dump_config(config) == config.text
+
+
+def read_alone(kind, text):
+    """The value of a text, and whether it is a problem."""
+    entry = Entry(text, ("given",))
+    value = kind.read(entry)
+    return value, bool(entry.problems)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_both_ends_of_a_range_may_be_given_and_nothing_beyond(rig):
+    tested = 0
+    for p, _, path in list_parameters(machine_with_changed_parameters(rig)):
+        low, high = p.span
+        for end, beyond in ((low, low - 1e-6 * (high - low)), (high, high + 1e-6 * (high - low))):
+            if np.isfinite(beyond):
+                assert read_alone(quantity(p), exact_quantity(end, p.unit)) == (end, False), (path, p.name)
+                assert read_alone(quantity(p), exact_quantity(beyond, p.unit)) == (None, True), (path, p.name)
+                tested += 1
+    assert tested > 40
+
+
+def test_zero_is_a_size_where_it_has_a_meaning():
+    """An accuracy of zero is an exact sensor; an interval of zero has no samples."""
+    accuracy, interval = size_in("s", "1 ms", 0.0), size_in("s", "1 ms", 0.0, above=True)
+    assert read_alone(accuracy, "0 s") == (0.0, False) and read_alone(interval, "0 s") == (None, True)
+    assert read_alone(interval, "1 ns") == (1e-9, False)
+    assert read_alone(accuracy, "-1 ns") == read_alone(interval, "-1 ns") == (None, True)
+    share = size_in("-", "2 %", 0.0, most=1.0)
+    assert read_alone(share, "100 %") == (1.0, False) and read_alone(share, "100.1 %") == (None, True)
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.name)

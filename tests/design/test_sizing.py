@@ -1,5 +1,7 @@
 """Sizing: derivatives, comparison with a sweep of the same space, constraints, invalid input, the command."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from edhas_jax.commands.cli import main
 from edhas_jax.config.machine_config import ConfigError, read_config
 from edhas_jax.design.batch.batch import run_designs
 from edhas_jax.design.batch.experiment_design import sobol_sequence
-from edhas_jax.design.sizing.config import load_sizing
+from edhas_jax.design.sizing.config import RobustObjective, load_sizing
 from edhas_jax.design.sizing.optimiser import FEASIBILITY_TOLERANCE
 from edhas_jax.design.sizing.problem import SizingProblem
 from edhas_jax.design.sizing.size import SizingError, size
@@ -106,6 +108,31 @@ def test_the_worst_case_is_below_the_expected_value(tmp_path):
         assert len(problem.cases) == 2 * 9
         objective[kind] = problem.evaluate(problem.initial_fractions()[None]).objective[0]
     assert objective["worst_case"] < objective["expected"]
+
+
+@pytest.mark.parametrize("kind", list(RobustObjective))
+def test_goals_of_nearly_equal_corners_have_the_slopes_of_finite_differences(kind):
+    """The worst case passes from one corner to another there: metrics exp(a + b z), two points with three corners."""
+    a = np.log(5.0) + np.array([0.0, 0.012, 0.02, 1.0, 1.0, 1.004])
+    b = np.array([0.5, -0.2, 0.9, 0.3, -0.6, 0.1])
+    weights = {"mean_flow": 1.0, "mean_electrical_power": -0.5}
+    problem = SimpleNamespace(task=SimpleNamespace(weights=weights, robust=kind), corners=[None, 0, 1])
+
+    def goals_at(z):
+        values = np.exp(a + b * z)[None]
+        slopes = (b * values)[:, :, None]
+        return SizingProblem._goals(problem, dict.fromkeys(weights, values), dict.fromkeys(weights, slopes))
+
+    goals, slopes = goals_at(0.0)
+    difference = (goals_at(1e-5)[0] - goals_at(-1e-5)[0]) / 2e-5
+    np.testing.assert_allclose(slopes[0, :, 0], difference[0], rtol=1e-6)
+    corners = a.reshape(2, 3)
+    worst = corners.min(axis=1).mean(), corners.max(axis=1).mean()  # of what is to be large, and of what is to be small
+    if kind is RobustObjective.WORST_CASE:
+        np.testing.assert_allclose(goals[0], worst, atol=0.01)
+        assert worst[0] <= goals[0, 0] < corners.mean() < goals[0, 1] <= worst[1]
+    else:
+        np.testing.assert_allclose(goals[0], corners.mean(), rtol=1e-12)
 
 
 def test_a_pareto_front_is_monotonic(tmp_path):

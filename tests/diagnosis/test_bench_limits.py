@@ -13,6 +13,7 @@ from edhas_jax.inference.fit.evaluated_fit import _without_branches, fit_coarse,
 from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.inference.fit.settled_fit import MIN_TIGHT_RESIDUAL, with_tightened_bench
 from edhas_jax.inference.likelihood.bench_deviations import (
+    FILTER_CUTOFFS,
     Deviation,
     DeviationKind,
     bench_deviations,
@@ -20,6 +21,8 @@ from edhas_jax.inference.likelihood.bench_deviations import (
 )
 from edhas_jax.inference.likelihood.bench_estimate import EstimatedDeviation
 from edhas_jax.machine.effects import InverterDeadTime
+from edhas_jax.measurements.measurement_model import PredictedSignals
+from edhas_jax.measurements.unknown_parameters import UnknownParameter
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 GUARDED = DeviationKind.SETTING, DeviationKind.GAIN, DeviationKind.OFFSET, DeviationKind.SHIFT
@@ -46,6 +49,49 @@ def test_columns_are_as_much_smaller_as_the_bench_is_tightened(far):
         )
         np.testing.assert_allclose(other, one / (4.0 if usual.kind in GUARDED else 1.0), rtol=1e-12)
         assert held.std == usual.std
+
+
+SETTING = UnknownParameter("force_constant", 12.0, 0.02, "N/A", (1.0, 100.0))
+
+
+def recorded(time, deviates=None, size=0.0):
+    """What a recorder shows of a signal that grows with the square of a setting, where something deviates."""
+    setting = SETTING.centre * np.exp(size if deviates is DeviationKind.SETTING else 0.0)
+    late = {DeviationKind.TRIGGER: -size, DeviationKind.SHIFT: size}.get(deviates, 0.0)
+    values = setting**2 * (2.0 + np.sin(60.0 * (time - late)))
+    return {DeviationKind.GAIN: (1.0 + size) * values, DeviationKind.OFFSET: values + size}.get(deviates, values)
+
+
+@pytest.mark.parametrize("kind", [DeviationKind.TRIGGER, *GUARDED])
+def test_a_column_is_the_change_of_what_is_recorded(kind):
+    """A sensor that is late by s shows at t what was at t − s; a record that begins late by τ, what is at t + τ."""
+    run, size = empty_campaign().runs[0], 1e-5
+    values = recorded(run.time)
+    slopes = (2.0 * SETTING.spread * values)[:, None]  # by the coordinate of the setting
+    deviation = Deviation(kind, SETTING.name if kind is DeviationKind.SETTING else "current", size)
+    predicted = PredictedSignals({"current": values}, {"current": slopes})
+    (column,) = deviation_columns([deviation], run, "current", predicted, (SETTING,)).T
+    change = recorded(run.time, kind, size) - values
+    np.testing.assert_allclose(column[1:-1], change[1:-1], atol=2e-3 * np.abs(change).max())
+
+
+@pytest.mark.parametrize("cutoff", FILTER_CUTOFFS)
+def test_a_filter_of_the_recorder_passes_what_is_constant_and_halves_the_power_at_its_cut_off(cutoff):
+    run, weight = empty_campaign().runs[0], 0.1
+    angle = 2.0 * np.pi * cutoff * np.arange(len(run.time))
+
+    def filtered(values):
+        predicted = PredictedSignals({"current": values}, {"current": np.zeros((len(values), 0))})
+        deviation = Deviation(DeviationKind.FILTER, "", weight, cutoff)
+        (column,) = deviation_columns([deviation], run, "current", predicted, ()).T
+        return values + column / weight
+
+    np.testing.assert_allclose(filtered(np.full(len(angle), 3.0)), 3.0, rtol=1e-9)  # from the first sample on
+    later = angle[100:]
+    basis = np.column_stack([np.ones(len(later)), np.cos(later), np.sin(later)])
+    mean, cosine, sine = np.linalg.lstsq(basis, filtered(3.0 + np.cos(angle))[100:], rcond=None)[0]
+    assert mean == pytest.approx(3.0) and np.hypot(cosine, sine) == pytest.approx(np.sqrt(0.5))
+    assert sine > 0.5  # it comes later
 
 
 def test_a_model_that_leaves_much_may_not_blame_the_bench(far):

@@ -179,6 +179,20 @@ def test_drift_is_detected_in_a_parameter_that_differs_between_runs(campaign, fo
     assert any("drifts from run to run" in sentence for sentence in calibration.findings())
 
 
+def test_two_runs_are_equally_far_from_the_common_estimate_on_either_side():
+    """Of one unknown: x₁ − x = w₂ (x₁ − x₂) and x₂ − x = −w₁ (x₁ − x₂), which is both ±(x₁ − x₂)/√(v₁ + v₂)."""
+    machines = [edhas.change(bench(), coil_resistance=value) for value in (1.50, 1.56, 1.50)]
+    plan = empty_campaign(uncertain={"coil_resistance": 0.5}, lengths=(401, 151, 301))
+    other = measured(plan, None, each=machines)
+    drift = fit_each_run(fit(problem_of(other), starts=1))
+    (first, second), (std, of_other) = drift.score[:, 0], drift.std[:, 0]
+    assert max(std, of_other) > 1.2 * min(std, of_other)
+    expected = (drift.x[0, 0] - drift.x[1, 0]) / np.hypot(std, of_other)
+    assert abs(expected) > 5.0
+    # the signals are not quite linear in the resistance
+    assert first == pytest.approx(expected, rel=0.1) and second == pytest.approx(-expected, rel=0.1)
+
+
 def test_the_profile_of_a_nearly_linear_unknown_is_a_parabola(found):
     profile = profile_likelihood(found, "force_constant")
     distance = (profile.x - found.x[1]) / found.std[1]

@@ -5,6 +5,7 @@ whole range, none is given.
 """
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,13 +16,15 @@ from edhas_jax.config.law_file import read_law_file
 from edhas_jax.config.machine_config import read_config
 from edhas_jax.core import structs
 from edhas_jax.diagnosis.candidates.candidate import Candidate
-from edhas_jax.diagnosis.candidates.law_deviation import law_size
+from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
+from edhas_jax.diagnosis.candidates.law_deviation import deviation_of, law_at_nodes, law_deviation, law_size
 from edhas_jax.diagnosis.laws.added_terms import AddedTerm, added_slopes
 from edhas_jax.diagnosis.laws.curve_figure import draw_law_curve
 from edhas_jax.diagnosis.laws.curve_fit import estimate_free_curve, estimate_law_curve, exact_steps
 from edhas_jax.diagnosis.laws.curve_onset import is_smooth, onset
 from edhas_jax.diagnosis.laws.curve_prior import CurvePrior
 from edhas_jax.diagnosis.laws.law_places import law_places
+from edhas_jax.diagnosis.laws.law_samples import samples_at_slots
 from edhas_jax.diagnosis.laws.model_files import write_curve_model
 from edhas_jax.inference.fit.calibration import campaign_residuals
 from edhas_jax.inference.fit.fit import fit
@@ -33,7 +36,7 @@ from edhas_jax.machine.effects import (
     InverterDeadTime,
     LugreFriction,
 )
-from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, table_of
+from edhas_jax.machine.effects.tabulated_law import LawPlace, LawTable, table_of, tabulated_class
 from edhas_jax.machine.rigs import RIGS, PumpBench
 from edhas_jax.measurements.campaign import Use
 from edhas_jax.measurements.measurement_model import MeasurementModel
@@ -131,6 +134,49 @@ def test_a_law_of_one_variable_deviates_over_that_one_only(dead_time):
     # friction depends on the past of its bristles too: a curve over any variable may be a part of it
     friction = law_size(with_law, Candidate(LugreFriction), LawPlace("mover_force", "piston_velocity"))
     assert friction == pytest.approx(law_size(with_law, Candidate(LugreFriction), POSITION)) and friction > 0.0
+
+
+def test_the_law_at_the_nodes_of_a_curve_is_that_of_the_effect(dead_time):
+    """The nodes are those of another fit; outside of the range that a fit has seen, the law goes on as at its end."""
+    _, with_law, _ = dead_time
+    candidate, current = Candidate(InverterDeadTime), LawPlace("coil_voltage_change", "current")
+    (effect,) = (e for e in with_law.machine.effects if e.id == "inverter_dead_time")
+
+    def curve(place, nodes):
+        return CurveCandidate(tabulated_class("curve", place, len(nodes)), None, place, 1.0, tuple(nodes))
+
+    nodes = np.array([-1.7, -0.6, -0.2, -0.05, 0.0, 0.03, 0.11, 0.9, 1.6])
+    law, size = law_at_nodes(with_law, candidate, curve(current, nodes))
+    own = np.array([float(effect.coil_voltage_change(SimpleNamespace(current=i), None)) for i in nodes])
+    np.testing.assert_allclose(law, own, atol=0.05 * np.abs(own).max())
+    assert size == pytest.approx(with_law.values["dead_time_voltage"], rel=0.05)
+    for place in (POSITION, LawPlace("coil_voltage_change", "piston_position")):
+        assert law_at_nodes(with_law, candidate, curve(place, nodes)) is None
+    # friction depends on its bristles too, so that no curve alone can be its law
+    assert law_at_nodes(with_law, Candidate(LugreFriction), curve(POSITION, nodes)) is None
+
+
+def test_a_curve_times_a_signal_is_as_large_as_the_law_where_that_signal_has_its_rms_value(dead_time):
+    """The friction as a curve over the position times the speed is a damping: a force over a speed."""
+    _, with_law, _ = dead_time
+    friction = Candidate(LugreFriction)
+    places = law_places(with_law.machine, "mover_friction")
+    force = law_size(with_law, friction, next(place for place in places if not place.factors))
+    products = [place for place in places if place.factors]
+    assert products and force > 0.0
+    for place in products:
+        values = samples_at_slots(with_law, (place,), friction.id)[place.slot].values
+        factor = np.prod([values[name] for name in place.factors], axis=0)
+        assert law_size(with_law, friction, place) * np.sqrt(np.mean(factor**2)) == pytest.approx(force)
+
+
+def test_a_law_may_deviate_by_half_of_its_size_over_its_own_variable(dead_time):
+    _, with_law, _ = dead_time
+    found = law_deviation(with_law, Candidate(InverterDeadTime))
+    assert found.place == LawPlace("coil_voltage_change", "current") and found.of == "inverter_dead_time"
+    assert found.spread == pytest.approx(0.5 * with_law.values["dead_time_voltage"], rel=0.05)
+    assert deviation_of(Candidate(InverterDeadTime), [found]) is found
+    assert deviation_of(Candidate(LugreFriction), [found]) is None and law_deviation(with_law, found) is None
 
 
 def test_columns_are_derivatives_of_the_signals(bumps):

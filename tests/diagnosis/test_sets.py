@@ -127,6 +127,37 @@ def test_probabilities_are_sums_over_sets():
     assert found.credible == ("inverter_dead_time", "cogging_force")
 
 
+def test_what_takes_the_place_of_a_member_is_near_and_as_small():
+    """The rest of the set stays; a set of other size, or with far smaller probability, offers nothing."""
+    dead, eddy, cogging, sag = InverterDeadTime, EddyDrag, CoggingForce, SupplySag
+    best, exchanged = a_set(0.50, dead, eddy), a_set(0.30, dead, cogging)
+    others = a_set(0.10, dead, cogging, sag), a_set(0.08, sag, cogging), a_set(0.02, dead, sag)
+    found = SetPosterior((best, exchanged, *others))
+    assert found.near == found.sets[:4]
+    assert found.alternatives(Candidate(eddy)) == (Candidate(cogging),)
+    assert found.alternatives(Candidate(dead)) == ()
+    assert found.evidence(Candidate(eddy)) == pytest.approx(np.log(0.50 / 0.30))
+    assert found.evidence(Candidate(sag)) == pytest.approx(np.log(0.10 / 0.50))
+
+
+def test_a_member_counts_by_what_the_misfit_rises_without_it():
+    dead, eddy = InverterDeadTime, EddyDrag
+    best, without_eddy, without_dead = (
+        dataclasses.replace(of, misfit=misfit)
+        for of, misfit in ((a_set(0.9, eddy, dead), 500.0), (a_set(0.06, dead), 540.0), (a_set(0.04, eddy), 700.0))
+    )
+    found = SetPosterior((best, without_eddy, without_dead))
+    assert found.members == ((Candidate(dead), 200.0), (Candidate(eddy), 40.0))
+    assert SetPosterior((best,)).members[0][1] == np.inf  # a set without the member was never fitted
+
+
+def test_a_component_with_two_causes_counts_once():
+    found = SetPosterior((a_set(0.7, CoggingForce, EddyDrag), a_set(0.2, EddyDrag, InverterDeadTime), a_set(0.1)))
+    mover, coil = Candidate(EddyDrag).location, Candidate(InverterDeadTime).location
+    assert Candidate(CoggingForce).location == mover != coil
+    assert found.locations() == pytest.approx({mover: 0.9, coil: 0.2})
+
+
 def test_the_empty_set_is_an_unknown_cause_where_it_leaves_much():
     empty = dataclasses.replace(a_set(1.0), excess=2000.0)
     assert labels(empty) == (UNKNOWN,) and labels(a_set(1.0)) == (NOTHING,)
@@ -145,6 +176,17 @@ def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
     assert weight.at(551.0, 0, 0) - weight.of(at_noise) == pytest.approx(
         -1.0 / (1.0 + 20.0 / 30.0), rel=0.05
     )
+
+
+def test_all_candidates_of_a_kind_have_the_stated_odds_together():
+    """However long the lists are, so many effects are expected, and the odds of one that no list has are the same."""
+    numbers = dataclasses.replace(NUMBERS, expected=1.5, unknown_odds=0.2)
+    for named, free in ((3, 2), (40, 25)):
+        weight = Weighing(named, free, 1000, numbers)
+        weight.note(a_set(1.0))
+        of_named, of_free = (np.exp(weight.at(550.0, *one) - weight.at(550.0, 0, 0)) for one in ((1, 0), (0, 1)))
+        assert named * of_named == pytest.approx(1.5) and free * of_free == pytest.approx(0.2)
+        assert weight.at(550.0, 2, 1) - weight.at(550.0, 0, 0) == pytest.approx(np.log(of_named**2 * of_free))
 
 
 def test_what_a_set_explains_decides_how_much_its_laws_may_leave():

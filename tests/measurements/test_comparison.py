@@ -138,21 +138,40 @@ def _on_current(sensor):
     return Instruments({"current": (sensor,)} if sensor else {})
 
 
+def _with_signals(found, signals, model):
+    """The comparison of the first run only, with other measured and simulated signals."""
+    compared, channels = found.runs[0], found.campaign.channels
+    residuals = {n: (v - model[n]) / channels[n].noise for n, v in signals.items()}
+    run = dataclasses.replace(compared.run, signals=signals)
+    return dataclasses.replace(
+        found, runs=(dataclasses.replace(compared, run=run, model=model, residuals=residuals),)
+    )  # fmt: skip
+
+
+def test_errors_are_measured_less_model_and_relative_to_what_was_measured(campaign):
+    """A model of three quarters of the amplitude, 0.1 A too high throughout; a tenth of the samples is missing."""
+    found = compare(campaign)
+    compared = found.runs[0]
+    sine = np.sin(2.0 * np.pi * compared.frequency * compared.run.time)
+    signals, model = {"current": 2.0 * sine}, dict(compared.model, current=1.5 * sine + 0.1)
+    signals["current"][::10] = np.nan
+    row = figures_of_merit(_with_signals(found, signals, model)).loc[("run1", "current")]
+    assert row["mean"] == pytest.approx(-0.1, abs=2e-3)
+    assert row["peak"] == pytest.approx(2.0 - 1.6, abs=2e-3)
+    assert row["nrmse"] == pytest.approx(np.sqrt(0.5 * 0.5**2 + 0.1**2) / 4.0, rel=1e-2)
+    assert row["amplitude"] == pytest.approx(0.75, rel=1e-2) and row["phase"] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_amplitude_and_phase_are_those_of_the_harmonic_that_carries_the_signal(campaign):
     """A signal rectified by the pump has no first harmonic; others have none, or none in common with the model."""
     found = compare(campaign)
-    compared, run = found.runs[0], found.runs[0].run
-    time = run.time
+    compared = found.runs[0]
+    time = compared.run.time
     cycle = 2.0 * np.pi * compared.frequency * time
     noise = 5e-6 * np.random.default_rng(1).standard_normal(len(time))
     model = dict(compared.model, current=np.abs(np.sin(cycle)), voltage=np.sin(cycle), piston_position=0.0 * time)
     signals = {"current": np.abs(np.sin(cycle - 0.1)) / 1.25, "voltage": np.sin(3.0 * cycle), "piston_position": noise}
-    residuals = {n: (v - model[n]) / campaign.channels[n].noise for n, v in signals.items()}
-    compared = dataclasses.replace(
-        compared, run=dataclasses.replace(run, signals=signals), model=model, residuals=residuals
-    )
-    found = dataclasses.replace(found, runs=(compared,))
-    table = figures_of_merit(found).loc["run1"]
+    table = figures_of_merit(_with_signals(found, signals, model)).loc["run1"]
     assert list(table["harmonic"]) == pytest.approx([2.0, np.nan, np.nan], nan_ok=True)
     assert table["amplitude"]["current"] == pytest.approx(1.25, rel=1e-2)
     assert table["phase"]["current"] == pytest.approx(-0.2, rel=1e-2)  # the model is 0.1 rad of its cycle early

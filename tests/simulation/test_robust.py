@@ -7,6 +7,8 @@ import pytest
 from edhas_jax.core import structs
 from edhas_jax.core.structs import par
 from edhas_jax.machine.effects import Effect, EntrainedAir
+from edhas_jax.machine.equations.orifice_flow import orifice_slopes
+from edhas_jax.machine.interface.signals import OrificeConnection
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench
 from edhas_jax.simulation.metrics import mean_rate
 from edhas_jax.simulation.run import SimulationError, simulate
@@ -27,6 +29,41 @@ def test_an_abrupt_start_at_full_amplitude_reaches_the_same_flow(frequency, step
     fine = last_mean_flow(frequency, 2e-6)
     assert fine > 1e-5
     assert last_mean_flow(frequency, step) == pytest.approx(fine, rel=5e-3)
+
+
+AREA, CAPACITY = 1e-5, 1e-14  # m², m³/Pa
+
+
+def slope_and_rate(drop, step, downstream=0.0):
+    """∂Q/∂Δp of an orifice in one step [s] where a small volume drains through it, and the rate of its pressure.
+
+    The pressure behind the orifice has the rate `downstream`, over that of the volume.
+    """
+    m = PumpBench()
+    rate = -m.orifice.flow(AREA, drop, m.oil.oil_density) / CAPACITY
+    orifice = {"load": OrificeConnection(drop, AREA, ("before", "behind"))}
+    slopes = orifice_slopes(m, orifice, {"before": rate, "behind": downstream * rate}, step)
+    return float(slopes["load"][1]), float(rate)
+
+
+@pytest.mark.parametrize("drop", [3e6, -3e6])
+def test_a_volume_that_drains_within_one_step_does_not_overshoot(drop):
+    """(2/h + ∂Q/∂Δp / C) k = 2 dp/dt: no step of any length ends on the other side, an endless one at equilibrium."""
+    scale = abs(drop / slope_and_rate(drop, 1e-9)[1])  # s, in which the pressure falls to zero at its first rate
+    ends = []
+    for step in scale * np.geomspace(1e-3, 1e6, 60):
+        slope, rate = slope_and_rate(drop, step)
+        ends.append(1.0 + 2.0 * rate / (2.0 / step + slope / CAPACITY) / drop)
+    assert min(ends) >= 0.0 and max(ends) < 1.0 and ends[-1] < 1e-5
+
+
+@pytest.mark.parametrize(("share", "downstream"), [(0.01, 0.0), (0.95, 0.0), (100.0, 1.0)])
+def test_an_orifice_is_linearised_by_its_tangent_where_a_step_resolves_it(share, downstream):
+    """The drop changes by a share of itself, or not at all because both pressures change alike."""
+    drop, m = 3e6, PumpBench()
+    step = share * abs(drop / slope_and_rate(drop, 1e-9)[1])
+    higher, lower = (float(m.orifice.flow(AREA, p, m.oil.oil_density)) for p in (1.001 * drop, 0.999 * drop))
+    assert slope_and_rate(drop, step, downstream)[0] == pytest.approx((higher - lower) / (0.002 * drop), rel=1e-5)
 
 
 @pytest.mark.parametrize("precision", Precision)
