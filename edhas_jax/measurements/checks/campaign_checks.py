@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, Remark, Severity, SignalsByRun
+from edhas_jax.measurements.checks.copied_records import check_copies
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
 from edhas_jax.measurements.checks.impossible_samples import (
     find_impossible_samples,
@@ -53,7 +54,7 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     measured = [run for run in campaign.runs if run.signals]
     remarks = [*campaign.remarks]
     models = _simulated_runs(campaign, measured, remarks, on_progress)
-    remarks += _check_sampling_and_files(measured)
+    remarks += [*_check_sampling_and_files(measured), *check_copies(measured)]
     for run in measured:
         remarks += check_wiring(campaign, run, models)
     campaign, unusable = _without_unknown_noise(with_measured_noise(campaign))
