@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from edhas_jax.measurements.campaign import BenchRun, Use
+from edhas_jax.measurements.checks import copied_records
 from edhas_jax.measurements.checks.copied_records import check_copies
 
 TIME = 0.01 * np.arange(600)
@@ -66,3 +67,9 @@ def test_missing_samples_are_no_copy():
 def test_two_signals_of_one_column_are_said():
     (found,) = sentences(run("a", head_pressure=noisy(1), rod_pressure=noisy(1), flow=noisy(3)))
     assert found.startswith("head_pressure and rod_pressure hold the same samples")
+
+
+def test_a_copy_is_found_among_records_of_which_a_part_is_compared(monkeypatch):
+    monkeypatch.setattr(copied_records, "MOST_SEQUENCES", 400)
+    (found,) = sentences(*(run(f"r{k}", pressure=noisy(k % 5)) for k in range(6)))
+    assert found.startswith("all samples are those of r0")

@@ -13,6 +13,7 @@ from edhas_jax.measurements.campaign import BenchRun, Remark, Use
 SEQUENCE = 24  # equal samples in a row; ten of a quiet 12-bit recorder repeat by chance in a long record
 MIN_COPIED_SHARE = 0.05  # of the shorter record; less may be a few samples of a signal that moves without noise
 MIN_MOVING_SHARE = 0.5  # of the samples of a sequence that differ from the one before: a resting signal is no copy
+MOST_SEQUENCES = 500_000  # of a campaign that are compared; sorting more would take longer than reading them
 MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)  # odd, 2⁶⁴ over the golden ratio: spreads near numbers over all bits
 
 
@@ -26,7 +27,9 @@ def check_copies(runs: Sequence[BenchRun]) -> Iterator[Remark]:
         A warning on each signal of a run that equals another one of it, and on each run that shares samples with
         another in all signals that move in either.
     """
-    marks = {(r, name): _sequence_marks(values) for r, run in enumerate(runs) for name, values in run.signals.items()}
+    signals = {(r, name): values for r, run in enumerate(runs) for name, values in run.signals.items()}
+    kept = max(1, sum(map(len, signals.values())) // MOST_SEQUENCES)
+    marks = {place: _sequence_marks(values, kept) for place, values in signals.items()}
     for r, run in enumerate(runs):
         names = list(run.signals)
         for one, other in _shares([marks[r, name] for name in names]):
@@ -68,8 +71,11 @@ def _shares(marks: Sequence[np.ndarray]) -> dict[tuple[int, int], float]:
     return {pair: share for pair, share in shares.items() if share > MIN_COPIED_SHARE}
 
 
-def _sequence_marks(values: np.ndarray) -> np.ndarray:
-    """A number (k,) for each different sequence of samples that moves; equal sequences have equal numbers."""
+def _sequence_marks(values: np.ndarray, kept: int) -> np.ndarray:
+    """A number (k,) for each different sequence of samples that moves; equal sequences have equal numbers.
+
+    Of `kept` sequences one is taken, by its number, so that it is taken in each record that has it.
+    """
     count = len(values) - SEQUENCE + 1
     if count < 1:
         return np.zeros(0, np.uint64)
@@ -82,4 +88,5 @@ def _sequence_marks(values: np.ndarray) -> np.ndarray:
         moves = np.diff(values) != 0.0
     moving = np.convolve(moves, np.ones(SEQUENCE - 1), "valid") >= MIN_MOVING_SHARE * (SEQUENCE - 1)
     missing = np.convolve(~np.isfinite(values), np.ones(SEQUENCE), "valid") > 0.5
-    return np.unique(marks[moving & ~missing])
+    marks = marks[moving & ~missing]
+    return np.unique(marks[(marks >> np.uint64(32)) % np.uint64(kept) == 0])
