@@ -538,7 +538,8 @@ class RunReader:
                 values = self._in_si(source, column, si)
             rows = np.union1d(before, order)
             time = time[np.searchsorted(order, rows)]
-            if source.between is None and _looks_held(values[order], values[before]):
+            is_held = _looks_held(values[order], values[before]) or _updated_rows(values[order]) is not None
+            if source.between is None and is_held:
                 sentence = f"{what} `{name}` stays and jumps; if a computer held it from sample to sample, write "
                 sentence += "`between: hold` in the campaign, else `between: line`, which is assumed"
                 self._remark(self._header_line, sentence, Severity.WARNING)
@@ -560,7 +561,7 @@ def _steps(table: Table, drives: Iterable[ColumnSource], time: np.ndarray) -> np
 
 
 def _looks_held(after: np.ndarray, before: np.ndarray) -> bool:
-    """Whether a drive is constant but for single, large changes from one sample to the next."""
+    """Whether a drive is constant but for single changes from one sample to the next, of which some are large."""
     change = before[1:] - after[:-1]
     neighbours = (change[1:] != 0.0) & (change[:-1] != 0.0)
     return bool(np.abs(change).max(initial=0.0) > LARGE_JUMP * np.ptp(after) and not neighbours.any())

@@ -300,3 +300,13 @@ def test_a_drive_that_is_recorded_for_a_shorter_time_than_the_signals_is_said(tm
     found = campaign(tmp_path, "files: [daq.csv, plc.csv], use: fit", signals, drive=drive)
     sentences = [r.sentence for r in found.remarks]
     assert len(sentences) == bool(said) and all(said in sentence for sentence in sentences)
+
+
+def test_a_drive_that_a_faster_recorder_repeats_in_small_steps_is_asked_about(tmp_path):
+    """Taken as a line between all rows it would be late by half of its interval."""
+    drive, time = held(U[::FAST], 2), 0.0025 * np.arange(2 * len(PRESSURE))
+    csv(tmp_path, "all.csv", "time [s],u [V],p [Pa]", time, drive, np.interp(time, T[::FAST], PRESSURE))
+    signals = "pressure: {column: p, unit: Pa}"
+    for stated, count in (("u", 1), ("{column: u, between: hold}", 0), ("{column: u, between: line}", 0)):
+        found = campaign(tmp_path, "file: all.csv, use: fit", signals, drive=stated)
+        assert sum("write `between: hold`" in r.sentence for r in found.remarks) == count
