@@ -17,6 +17,7 @@ from edhas_jax.measurements.checks.impossible_samples import (
 )
 from edhas_jax.measurements.checks.noise_measurement import noise_remarks, with_measured_noise
 from edhas_jax.measurements.checks.signal_checks import check_quality, noise_ratios
+from edhas_jax.measurements.checks.start_checks import check_start
 from edhas_jax.measurements.checks.time_axis_checks import check_time_axis
 from edhas_jax.measurements.checks.unit_checks import check_units
 from edhas_jax.measurements.checks.wiring_checks import check_saturation, check_wiring
@@ -86,6 +87,8 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
         fastest = {run.whole: run.interval for run in sorted(runs, key=lambda run: -run.interval)}
         campaign = with_aligned_clocks(campaign, max(1, math.ceil(max(fastest.values()) / step - 1e-9)))
         remarks += campaign.remarks[len(before):]
+    for run in campaign.runs:
+        remarks += check_start(campaign, run, models)
     for name in campaign.channels:
         remarks += check_saturation(campaign, name, models)
     remarks += DelayCheck(campaign, models).check()
