@@ -1,6 +1,7 @@
 """Read one run of a campaign: the columns of its file become signals in SI units over increasing time stamps."""
 
 import dataclasses
+import itertools
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -13,7 +14,7 @@ from edhas_jax.config.tables.table import Column, Layout, Table, TableError
 from edhas_jax.config.tables.table_reader import read_tables
 from edhas_jax.core.name_suggestion import suggest
 from edhas_jax.core.remark import Remark, Severity
-from edhas_jax.core.units import UnitError, display_unit, is_unit_of, to_si, values_to_si
+from edhas_jax.core.units import UnitError, display_unit, format_quantity, is_unit_of, to_si, values_to_si
 from edhas_jax.core.wording import counted, listed
 from edhas_jax.machine.components.coil_and_amplifier import CurrentAmplifier
 from edhas_jax.machine.components.set_points import Recorded
@@ -28,7 +29,14 @@ MAX_REMARKS = 10  # on one file
 MAX_LISTED = 3  # faults of one kind in one column that are reported one by one
 MAX_NAMES, MAX_QUOTED = 8, 40  # columns that a remark names, characters of a name
 LARGE_JUMP = 0.1  # of the range of a drive; smaller jumps may be the rounding of a slow signal
+MAX_UNDRIVEN = 0.01  # share of a run; recorders that are stopped by hand end some samples apart
+MIN_UPDATES = 30  # of a signal that a faster recorder repeats; a few steps of a set point are no samples
+MIN_REGULAR_UPDATES = 0.98  # share of those that come after a multiple of their usual interval
+MAX_MISSED_UPDATES = 0.2  # share of those that come later than usual, as where the signal rests
+MAX_EQUAL_CHANGES = 0.5  # share of the changes that have one size, which is then the resolution of the signal
+HELD_BY_A_COMPUTER = ("voltage",)  # a controller's output truly stays between its samples
 MAX_SPARSE_SHARE, MIN_REGULAR_SHARE = 0.5, 0.9  # of rows with a value, of equal steps between them: a slow signal
+INTERVAL_TOLERANCE = 0.01  # between a stated interval and the steps of a time column; clocks of recorders are better
 MAX_DISORDER = 0.05  # share of samples out of order above which the time axis is rejected
 
 
@@ -180,6 +188,9 @@ class RunReader:
             self._find_times(entry, needed, records)
             drives = {n: self._drive(n, record) for record in needed for n in record.drives}
             parts = [(record, *part) for record in needed for part in self._signals_by_rate(record)]
+            ends = [record.time[rows[-1]] for record, signals, rows in parts if signals and len(rows)]
+            if ends:
+                self._compare_drives([record for record in needed if record.drives], entry.timing.run_in, max(ends))
         except TableError as error:
             self._remark(error.line, f"{error}; the run is left out")
             return []
@@ -337,6 +348,11 @@ class RunReader:
         recorded = np.isfinite([*signals.values(), *drives]).reshape(-1, len(used))
         filled = int(recorded.any(axis=0).sum())
         slow = {name: rows for name, values in signals.items() if (rows := _sparse_rows(values, filled)) is not None}
+        held = {
+            name: rows for name, values in signals.items()
+            if name not in slow and name not in HELD_BY_A_COMPUTER and (rows := _updated_rows(values)) is not None
+        }  # fmt: skip
+        slow |= held
         rates: dict[bytes, list[str]] = {}
         for name, rows in slow.items():
             rates.setdefault(rows.tobytes(), []).append(name)
@@ -346,10 +362,33 @@ class RunReader:
         found = [({name: values[rows] for name, values in fast.items()}, used[rows])] if fast or not slow else []
         for names in rates.values():
             rows = slow[names[0]]
-            self._remark(0, f"{', '.join(names)}: a value in every {round(len(used) / len(rows))}th row; the rows "
-                            "between are no samples", Severity.NOTE)  # fmt: skip
+            every = round(len(used) / len(rows))
+            found_where = "a value in every {}th row; the rows between are no samples"
+            if names[0] in held:
+                found_where = "a new value only every {} rows; those between repeat the last one and are no samples"
+            self._remark(0, f"{', '.join(names)}: {found_where.format(every)}", Severity.NOTE)
             found.append(({name: signals[name][rows] for name in names}, used[rows]))
         return found
+
+    def _compare_drives(self, records: Iterable[_Record], start: float, end: float) -> None:
+        """Say which drives of the records were not recorded from the start of a run to its last sample [s]."""
+        for record in records:
+            self._at(record)
+            for name, source in record.drives.items():
+                column = record.table.columns.get(source.column)
+                times = record.time if column is None else record.time[np.isfinite(column.values[record.order])]
+                if len(times) < MIN_SAMPLES:
+                    continue
+                slack = MAX_UNDRIVEN * (end - start) + 2.0 * float(np.median(np.diff(times)))
+                missing = [f"before {format_quantity(times[0], 's')}"] if times[0] > start + slack else []
+                # a computer may write its set point only when it changes
+                if times[-1] < end - slack and source.between is not Between.HOLD:
+                    missing.append(f"after {format_quantity(times[-1], 's')}")
+                if missing:
+                    what = f"{name.replace('_', ' ')} `{source.column}` was not recorded {' and '.join(missing)}"
+                    span = f"the run lasts from {format_quantity(start, 's')} to {format_quantity(end, 's')}"
+                    remedy = "the model takes it as constant there; `window` limits the run"
+                    self._remark(0, f"{what}, {span}; {remedy}", Severity.WARNING)
 
     def _remark_unused(self, record: _Record, known: Collection[str]) -> None:
         unused = [f"`{column[:MAX_QUOTED]}`" for column in record.table.columns if column not in known]
@@ -418,10 +457,11 @@ class RunReader:
         Returns:
             For each sample the index of its row, that of the first row at its time, and its time stamp [s].
         """
+        column = table.columns.get(self._time.column)
         if self._time.interval is not None:
+            self._compare_interval(column)
             rows = np.arange(len(table.lines))
             return rows, rows, self._time.interval * rows
-        column = table.columns.get(self._time.column)
         if column is None:
             names = ", ".join(column[:MAX_QUOTED] for column in table.columns)
             remedy = "name it in the campaign, such as `time: {column: t, unit: ms}`, or state `time: {interval: 1 ms}`"
@@ -460,6 +500,16 @@ class RunReader:
             self._remark(int(table.lines[k]), f"{problem}; {left_out}")
         return kept, first[kept], time[kept]
 
+    def _compare_interval(self, column: Column | None) -> None:
+        """Say where the time column of a file contradicts the interval that the campaign states."""
+        if column is None or not column.unit or not is_unit_of(column.unit, "s") or column.fault is not None:
+            return
+        interval, stated = float(np.median(np.diff(values_to_si(column.values, column.unit, "s")))), self._time.interval
+        if abs(interval - stated) > INTERVAL_TOLERANCE * stated:
+            found, used = format_quantity(interval, "s"), format_quantity(stated, "s")
+            sentence = f"column `{self._time.column}` has a step of {found}, the campaign states {used}; that is used"
+            self._remark(self._header_line, sentence, Severity.WARNING)
+
     def _drive(self, drive: str, record: _Record) -> Recorded:
         """A recorded drive in its SI unit: the set point in metres, or in volts as the command of an open loop.
 
@@ -489,7 +539,8 @@ class RunReader:
                 values = self._in_si(source, column, si)
             rows = np.union1d(before, order)
             time = time[np.searchsorted(order, rows)]
-            if source.between is None and _looks_held(values[order], values[before]):
+            is_held = _looks_held(values[order], values[before]) or _updated_rows(values[order]) is not None
+            if source.between is None and is_held:
                 sentence = f"{what} `{name}` stays and jumps; if a computer held it from sample to sample, write "
                 sentence += "`between: hold` in the campaign, else `between: line`, which is assumed"
                 self._remark(self._header_line, sentence, Severity.WARNING)
@@ -511,7 +562,7 @@ def _steps(table: Table, drives: Iterable[ColumnSource], time: np.ndarray) -> np
 
 
 def _looks_held(after: np.ndarray, before: np.ndarray) -> bool:
-    """Whether a drive is constant but for single, large changes from one sample to the next."""
+    """Whether a drive is constant but for single changes from one sample to the next, of which some are large."""
     change = before[1:] - after[:-1]
     neighbours = (change[1:] != 0.0) & (change[:-1] != 0.0)
     return bool(np.abs(change).max(initial=0.0) > LARGE_JUMP * np.ptp(after) and not neighbours.any())
@@ -525,3 +576,25 @@ def _sparse_rows(values: np.ndarray, filled: int) -> np.ndarray | None:
     steps = np.diff(rows)
     is_regular = np.mean(np.abs(steps - np.median(steps)) <= 1) > MIN_REGULAR_SHARE
     return rows if is_regular else None
+
+
+def _updated_rows(values: np.ndarray) -> np.ndarray | None:
+    """The rows (k,) with a new sample of a signal that a faster recorder repeats in the rows between.
+
+    A signal that rests for some samples has rows at its usual steps meanwhile.
+    """
+    filled = np.flatnonzero(np.isfinite(values))
+    changes = np.diff(values[filled])
+    rows = np.flatnonzero(changes != 0.0) + 1
+    steps = np.diff(rows)
+    if len(rows) < MIN_UPDATES or not (every := float(np.median(steps))) >= 2.0:
+        return None
+    counts, slack = np.maximum(np.round(steps / every), 1.0), float(every > 2.0)
+    sizes = np.unique(np.abs(changes[rows - 1]), return_counts=True)[1]
+    is_regular = np.mean(np.abs(steps - counts * every) <= slack) > MIN_REGULAR_UPDATES
+    # a signal of coarse resolution that rises evenly changes by its last digit each time
+    if not is_regular or np.mean(counts > 1.0) > MAX_MISSED_UPDATES or sizes.max() > MAX_EQUAL_CHANGES * len(rows):
+        return None
+    edges = [rows[0] % every, *rows, max(len(filled), rows[-1] + every)]
+    found = [first + np.arange(0.0, last - first - 0.5 * every, every) for first, last in itertools.pairwise(edges)]
+    return filled[np.round(np.concatenate(found)).astype(int)]

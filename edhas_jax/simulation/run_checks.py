@@ -11,7 +11,8 @@ import numpy as np
 from edhas_jax.compiler.derivative_graph import defer_partials, linearize
 from edhas_jax.compiler.sparse_elimination import jacobian
 from edhas_jax.core import runtime
-from edhas_jax.core.units import format_quantity
+from edhas_jax.core.units import format_number, format_quantity
+from edhas_jax.machine.components.set_points import Chirp, Recorded, Sine, Step
 from edhas_jax.machine.rigs import ActuatorParts, Rig
 from edhas_jax.simulation.metrics import RunTooShortError, mean_rate, metric_window, run_metrics
 from edhas_jax.simulation.validity import REASONS, Status, failed_tests
@@ -22,6 +23,8 @@ FEWEST_SAMPLES = 16  # per cycle: a peak between two samples is missed by 2 % at
 LARGEST_RESIDUAL = 0.01  # of the energy and the oil balance
 NEGLIGIBLE = 0.01  # share of the swept flow and of the travel to a stop; less is not compared by its own size
 BURST_PRESSURE = 140e6  # Pa, four times the 35 MPa for which hoses, pipes and valves are usually made
+SET_POINTS = ("reference", "target")  # of the rigs of the package
+BEYOND_RECORD = 0.01  # of a run, that may lie before or after the record that drives it
 SMALLEST = {  # m³/s, W, m
     "mean flow": 1e-12, "mean leakage": 1e-12, "mean electrical power": 1e-9, "delivered power": 1e-9,
     "peak stroke": 1e-12,
@@ -136,7 +139,53 @@ def check_run(record: Record, energy_residual: float, volume_residual: float, st
             status = Status.FEW_SAMPLES
             reasons[status] += f" to at least {FEWEST_SAMPLES * frequency / 1e3:.4g} kHz"
     wrong = _wrong_balance("oil", volume_residual) or _wrong_balance("energy", energy_residual)
-    return wrong or (status, reasons[status] + _pressure_remark(record))
+    return wrong or (status, reasons[status] + _remarks(record))
+
+
+def _sampling_remark(record: Record) -> str:
+    """What is said of a rig of one's own with few samples in a cycle of a drive; those of the package have a status."""
+    m, time = record.machine, record.signals["time"]
+    interval = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    for name in m.drives:
+        drive = getattr(m, name)
+        if not isinstance(drive, Sine) or not float(drive.amplitude):
+            continue
+        cycles = interval * float(drive.frequency)  # from sample to sample
+        if cycles * FEWEST_SAMPLES > 1.0 + 1e-9:
+            count = format_number(1.0 / cycles, 2)
+            return f"; but a cycle of {name} has {count} samples, which miss peaks: raise `sample_rate`"
+    return ""
+
+
+def _remarks(record: Record) -> str:
+    """What is said beside the status of a run."""
+    return _pressure_remark(record) + _drive_remark(record)
+
+
+def _drive_remark(record: Record) -> str:
+    """What is said of a run that ends before its drives have done what they should, or goes on after their records."""
+    m, end = record.machine, float(record.signals["time"][-1])
+    for name in m.drives or SET_POINTS:
+        drive, what = getattr(m, name, None), "set point" if name in SET_POINTS else name
+        if isinstance(drive, Step) and float(drive.step_size) and float(drive.step_time) >= end:
+            return f"; but the run ends before the step of the {what} at {format_quantity(float(drive.step_time), 's')}"
+        if isinstance(drive, Chirp) and float(drive.sweep_time) > (1.0 + BEYOND_RECORD) * end:
+            sweep = format_quantity(float(drive.sweep_time), "s")
+            return f"; but the run ends within the sweep of the {what}, which takes {sweep}"
+        if isinstance(drive, Recorded) and (beyond := _beyond_record(drive, end)):
+            return f"; the recorded {what} {beyond} and is taken as constant beyond that"
+    return ""
+
+
+def _beyond_record(drive: Recorded, end: float) -> str:
+    """Where a record begins after 0 or ends before a time [s]; empty where it does not."""
+    first = float(drive.start)
+    last = first + float(drive.interval) * (len(drive.values) - 1)
+    parts = [f"begins at {format_quantity(first, 's')}"] if first > BEYOND_RECORD * end else []
+    # one that is held, which is flat between its steps, does not tell when its record ends
+    if last + float(drive.interval) < (1.0 - BEYOND_RECORD) * end and np.ptp(drive.values) > 0.0:
+        parts.append(f"ends at {format_quantity(last, 's')}")
+    return " and ".join(parts)
 
 
 def _pressure_remark(record: Record) -> str:
@@ -171,7 +220,7 @@ def _check_signals(record: Record, energy_residual: float, step: float) -> tuple
         fast, short = (format_quantity(t, "s") for t in (1.0 / growth, 0.5 / growth))
         return Status.STEP_TOO_LARGE, (f"{name} grows e-fold within {fast} at the start, which the step jumps over; "
                                        f"set `time_step` of the rig to {short} or less")  # fmt: skip
-    return Status.OK, "finite, within the ranges that the equations state" + _pressure_remark(record)
+    return Status.OK, "finite, within the ranges that the equations state" + _sampling_remark(record) + _remarks(record)
 
 
 def growth_at_start(machine: Rig) -> tuple[str, float]:

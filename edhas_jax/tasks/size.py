@@ -8,7 +8,7 @@ from typing import Any
 from edhas_jax.config.machine_config import Config, as_config
 from edhas_jax.config.run_folder import write_json
 from edhas_jax.config.writer import dump_config
-from edhas_jax.core.summary import Summary, SummaryTable, jsonable
+from edhas_jax.core.summary import Summary, SummaryTable, Tone, Toned, jsonable
 from edhas_jax.core.trusted_code import Trust
 from edhas_jax.core.units import format_quantity, from_si
 from edhas_jax.design.sizing.config import SizingTask, load_sizing
@@ -49,6 +49,7 @@ class SizeResult(Result, SizingResult):
         for name, sized in zip(names[1:], self.machines, strict=True):
             reached = "; ".join(sized.active) or "no bound or limit (interior optimum)"
             limits.append(f"{name}: limited by {reached}. {sized.convergence}")
+            limits += [Toned(f"{name}: {warning}", Tone.CAUTION) for warning in sized.warnings]
         return Summary(title, (self._dimensions(names), self._metrics(names), *limits))
 
     def _names(self) -> list[str]:

@@ -135,6 +135,17 @@ def test_goals_of_nearly_equal_corners_have_the_slopes_of_finite_differences(kin
         np.testing.assert_allclose(goals[0], corners.mean(), rtol=1e-12)
 
 
+def test_a_design_that_runs_onto_its_stops_says_so():
+    """The stops are 5 mm from the middle: half of the pump stroke of 10 mm."""
+    points, free = {"frequency": ["5 Hz", "10 Hz"]}, {"amplitude": ("3 mm", "8 mm")}
+    found = edhas.size(
+        edhas.ActuatorBench(), free=free, maximise=["peak_stroke"], points=points, starts=1, iterations=5
+    )
+    assert found.best.design["amplitude"] > found.task.machine.stops.pump_stroke / 2
+    assert found.best.warnings == ("hit_stops in 2 of 2 cases: the piston ran onto an end stop",)
+    assert "ran onto an end stop" in str(found.summary()) and not found.start.warnings
+
+
 def test_a_pareto_front_is_monotonic(tmp_path):
     found = size(load_sizing(written(tmp_path, ("starts: 4", "front: 3\nstarts: 2"))))
     flow, efficiency = (

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from edhas_jax import (
+    Chirp,
     Effect,
     Mean,
     Oil,
@@ -311,3 +312,29 @@ def test_a_pressure_that_no_part_stands_is_said(share, said):
     """β = 1.4 GPa: with a share of 0.09 of the volume pumped in the pressure is 126 MPa, with 0.11 154 MPa."""
     run = simulate(ClosedPot(inflow=Step(step_size=share * 1e-3, step_time=0.0)))
     assert run.valid and ("burst" in run.reason) is said, run.signals["pressure"][-1]
+
+
+@pytest.mark.parametrize(
+    ("duration", "start", "said"), [(1.0, 0.0, ""), (2.0, 0.0, "ends at 1 s"), (1.4, 0.4, "begins at 0.4 s")]
+)
+def test_a_run_beyond_the_record_of_its_drive_is_said(duration, start, said):
+    record = Recorded(values=1e-6 * np.sin(np.linspace(0.0, 6.0, 101)) ** 2, interval=0.01, start=start)
+    run = simulate(ClosedPot(inflow=record), Simulation(duration=duration))
+    assert run.valid and ("the recorded inflow" in run.reason) == bool(said) and said in run.reason
+
+
+@pytest.mark.parametrize(("rate", "said"), [(200.0, ""), (50.0, "a cycle of inflow has 5 samples")])
+def test_few_samples_in_a_cycle_of_a_drive_are_said(rate, said):
+    pot = ClosedPot(inflow=Sine(amplitude=1e-6, frequency=10.0))
+    run = simulate(pot, Simulation(duration=1.0, sample_rate=rate))
+    assert run.valid and ("samples" in run.reason) == bool(said) and said in run.reason
+
+
+@pytest.mark.parametrize(("inflow", "said"), [
+    (Step(step_size=1e-6, step_time=1.5), "ends before the step of the inflow at 1.5 s"),
+    (Step(step_size=1e-6, step_time=0.5), ""),
+    (Chirp(amplitude=1e-6, start_frequency=1.0, end_frequency=10.0, sweep_time=5.0), "within the sweep of the inflow"),
+])  # fmt: skip
+def test_a_run_that_ends_before_its_drive_has_acted_is_said(inflow, said):
+    run = simulate(ClosedPot(inflow=inflow), Simulation(duration=1.0))
+    assert run.valid and ("the run ends" in run.reason) == bool(said) and said in run.reason

@@ -74,10 +74,10 @@ def csv(folder, name, header, *columns):
 PRESSURE, TEMPERATURE = measured(FAST, P, "pressure", 1), measured(SLOW, OIL, "oil", 2)
 
 
-def campaign(folder, run, signals="pressure: {column: p, unit: Pa}, oil: {column: T, unit: K}", more=""):
+def campaign(folder, run, signals="pressure: {column: p, unit: Pa}, oil: {column: T, unit: K}", more="", drive="u"):
     (folder / "heated.py").write_text(RIG)
     (folder / "campaign.yaml").write_text(
-        "name: heated\nrig: heated.py:Heated\ndrives: {command: u}\n"
+        f"name: heated\nrig: heated.py:Heated\ndrives: {{command: {drive}}}\n"
         f"uncertain: {{gain: 0.3, fast: 0.5, slow: 0.5, heat: 0.5}}\nsignals: {{{signals}}}\n{more}runs: [{{{run}}}]\n"
     )
     return read_campaign(folder, [folder / "heated.py"])
@@ -236,3 +236,77 @@ def test_a_parameter_called_start_and_the_start_of_a_run_are_told_apart(tmp_path
     ).runs  # fmt: skip
     assert run.conditions == {"start": 300.0}
     assert run.time[run.lines == 2 + 200] == pytest.approx([0.0], abs=1e-9)
+
+
+def held(values, every, first=0):
+    """Samples as a recorder writes them that asks more often than the sensor measures, from a row on."""
+    return np.repeat(values, every)[first:]
+
+
+@pytest.mark.parametrize(("every", "first"), [(2, 0), (4, 0), (4, 3)])
+def test_a_signal_that_a_faster_recorder_repeats_counts_once(tmp_path, every, first):
+    """The repetitions at the ends and at the extremes too: they are late, and no second measurement."""
+    time = 0.005 * np.arange(every * 1000 - first)
+    values = measured(4 * FAST, P, "pressure", 1)[:1000]
+    csv(tmp_path, "all.csv", "time [s],u [V],p [Pa]", time, np.sin(time), held(values, every, first))
+    found = campaign(tmp_path, "file: all.csv, use: fit", "pressure: {column: p, unit: Pa, noise: 4e3}")
+    (run,) = found.runs
+    assert run.interval == pytest.approx(0.005 * every)
+    # the first measurement was made before the record where the recorder began within it
+    assert run.signals["pressure"] == pytest.approx(values[int(first > 0) :], rel=1e-6)
+    assert run.time[0] == pytest.approx(0.005 * ((every - first) % every))
+    assert any(f"pressure: a new value only every {every} rows" in r.sentence for r in found.remarks)
+
+
+@pytest.mark.parametrize("values", [
+    np.round(np.linspace(0.0, 90.0, 4000)), np.round(30.0 * np.sin(np.linspace(0.0, 20.0, 4000))),
+    np.round(20.0 * np.sin(0.01 * np.arange(4000)) + 0.3 * np.random.default_rng(0).standard_normal(4000)),
+    np.repeat([1.0, 3.0, 2.0, 5.0, 4.0], 800), np.random.default_rng(0).standard_normal(4000),
+])  # fmt: skip
+def test_a_signal_of_coarse_resolution_keeps_its_samples(tmp_path, values):
+    csv(tmp_path, "all.csv", "time [s],u [V],p [Pa]", 0.005 * np.arange(4000), np.zeros(4000), values)
+    (run,) = campaign(tmp_path, "file: all.csv, use: fit", "pressure: {column: p, unit: Pa, noise: 1}").runs
+    assert run.valid_samples == 4000
+
+
+def test_a_signal_that_rests_meanwhile_keeps_its_rate(tmp_path):
+    values = measured(FAST, P, "pressure", 1)[:800].copy()
+    values[300:320] = values[300]
+    csv(tmp_path, "all.csv", "time [s],u [V],p [Pa]", 0.005 * np.arange(3200), np.zeros(3200), held(values, 4))
+    (run,) = campaign(tmp_path, "file: all.csv, use: fit", "pressure: {column: p, unit: Pa}").runs
+    assert run.signals["pressure"] == pytest.approx(values, rel=1e-6)
+
+
+def test_a_time_column_that_contradicts_the_stated_interval_is_said(tmp_path):
+    csv(tmp_path, "daq.csv", "time [ms],p [Pa],u [V]", 1e3 * T[::FAST], PRESSURE, U[::FAST])
+    signals = "pressure: {column: p, unit: Pa}"
+    found = campaign(tmp_path, "file: daq.csv, use: fit", signals, "time: {interval: 1 ms}\n")
+    assert found.runs[0].interval == pytest.approx(1e-3)
+    sentence = "column `time` has a step of 5 ms, the campaign states 1 ms; that is used"
+    assert [r.sentence for r in found.remarks] == [sentence]
+    assert not campaign(tmp_path, "file: daq.csv, use: fit", signals, "time: {interval: 5 ms}\n").remarks
+
+
+@pytest.mark.parametrize(("part", "between", "said"), [
+    (slice(0, 500), "line", "was not recorded after 9.98 s, the run lasts from 0 s to 20 s"),
+    (slice(0, 500), "hold", ""),
+    (slice(200, None), "line", "was not recorded before 4 s"),
+    (slice(None), "line", ""),
+])  # fmt: skip
+def test_a_drive_that_is_recorded_for_a_shorter_time_than_the_signals_is_said(tmp_path, part, between, said):
+    csv(tmp_path, "daq.csv", "time [s],p [Pa]", T[::FAST], PRESSURE)
+    csv(tmp_path, "plc.csv", "time [s],u [V]", T[::COMMAND][part], U[::COMMAND][part])
+    signals, drive = "pressure: {column: p, unit: Pa}", f"{{column: u, between: {between}}}"
+    found = campaign(tmp_path, "files: [daq.csv, plc.csv], use: fit", signals, drive=drive)
+    sentences = [r.sentence for r in found.remarks]
+    assert len(sentences) == bool(said) and all(said in sentence for sentence in sentences)
+
+
+def test_a_drive_that_a_faster_recorder_repeats_in_small_steps_is_asked_about(tmp_path):
+    """Taken as a line between all rows it would be late by half of its interval."""
+    drive, time = held(U[::FAST], 2), 0.0025 * np.arange(2 * len(PRESSURE))
+    csv(tmp_path, "all.csv", "time [s],u [V],p [Pa]", time, drive, np.interp(time, T[::FAST], PRESSURE))
+    signals = "pressure: {column: p, unit: Pa}"
+    for stated, count in (("u", 1), ("{column: u, between: hold}", 0), ("{column: u, between: line}", 0)):
+        found = campaign(tmp_path, "file: all.csv, use: fit", signals, drive=stated)
+        assert sum("write `between: hold`" in r.sentence for r in found.remarks) == count

@@ -56,6 +56,18 @@ def test_a_wrong_unit_is_suspected(factor, unit):
     assert unit in sentence
 
 
+def test_the_unit_of_the_drive_may_be_wrong_as_well():
+    (sentence,) = remarks(0.1 * true_pressure())
+    assert sentence.endswith("Or is what drove the model, command, in another unit?")
+
+
+def test_a_gauge_pressure_that_soon_leaves_the_model_is_suspected():
+    """Its gain is 10 % lower, so that only the first samples are one atmosphere below the model."""
+    values = true_pressure()
+    (sentence,) = remarks(values[0] + 0.9 * (values - values[0]) - 101325.0)
+    assert "is it a gauge pressure?" in sentence
+
+
 def test_a_gauge_pressure_is_suspected():
     (sentence,) = remarks(true_pressure() - 101325.0)
     assert "is it a gauge pressure?" in sentence
@@ -76,3 +88,12 @@ def test_a_factor_of_no_unit_is_none():
 
 def test_an_offset_of_a_poor_model_is_no_gauge_pressure():
     assert not remarks(2e6 - 101325.0 + 4e5 * np.sin(0.4 * TIME))
+
+
+def test_a_pressure_without_its_mean_is_suspected():
+    (sentence,) = remarks(true_pressure() - 2e6)
+    assert "below zero where the model never is; is it a gauge pressure, or is its mean removed?" in sentence
+
+
+def test_noise_and_a_zero_that_is_slightly_off_are_no_vacuum():
+    assert not any("below zero" in sentence for sentence in remarks(true_pressure() - true_pressure().min() - 5e3))

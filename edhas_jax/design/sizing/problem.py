@@ -37,6 +37,7 @@ class DesignEvaluation:
         goals: logarithms of the k metrics of the objective, averaged over the cases, shape (n, k).
         goal_gradients: of the goals, shape (n, k, d).
         values: by metric its value (SI), shape (n, cases).
+        status: how the run of each case ended, an integer of `Status`, shape (n, cases).
     """
 
     objective: np.ndarray
@@ -46,6 +47,7 @@ class DesignEvaluation:
     goals: np.ndarray
     goal_gradients: np.ndarray
     values: Mapping[str, np.ndarray]
+    status: np.ndarray
 
     @property
     def violation(self) -> np.ndarray:
@@ -118,7 +120,8 @@ class SizingProblem:
         settings = GradientSettings(self.steps_per_cycle, CYCLE_TOLERANCE, MAX_CYCLES, self.task.settings)
         found = forward(self._machine, columns, self.names, self._metrics, settings)
         self._count_time(found, columns, n * cases)
-        failed = np.isin(found.status, FAILED_STATUSES).reshape(n, cases).any(axis=1)
+        status = np.asarray(found.status).reshape(n, cases)
+        failed = np.isin(status, FAILED_STATUSES).any(axis=1)
         metrics = {m: found.values[m].reshape(n, cases) for m in self._metrics}
         slopes = {m: found.slopes[m].reshape(n, cases, -1) * factor[None] * scale[:, None, :] for m in self._metrics}
         goals, goal_gradients = self._goals(metrics, slopes)
@@ -137,7 +140,9 @@ class SizingProblem:
         failed |= ~np.isfinite(constraints).all(axis=1) | ~np.isfinite(constraint_gradients).all(axis=(1, 2))
         for array in (objective, gradient, constraints, constraint_gradients, goals, goal_gradients):
             array[failed] = np.nan
-        return DesignEvaluation(objective, gradient, constraints, constraint_gradients, goals, goal_gradients, metrics)
+        return DesignEvaluation(
+            objective, gradient, constraints, constraint_gradients, goals, goal_gradients, metrics, status
+        )
 
     def _count_time(self, found: Derivatives, columns: dict[str, np.ndarray], runs: int) -> None:
         """Add the simulated time of some runs; each derivative counts as a run."""

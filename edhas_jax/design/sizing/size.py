@@ -19,6 +19,7 @@ from edhas_jax.design.sizing.optimiser import (
 from edhas_jax.design.sizing.problem import DesignEvaluation, SizingProblem
 from edhas_jax.machine.parameters import set_parameters
 from edhas_jax.machine.rigs import Rig
+from edhas_jax.simulation.validity import REASONS, Status
 
 COARSE_STEPS, FINE_STEPS = 1024, 4096  # per cycle, of the search and of the refinement
 SLSQP_ITERATIONS = 15  # of the search from every start, and of the refinement
@@ -47,6 +48,7 @@ class SizedMachine:
         active: the active constraints and bounds as text.
         convergence: how the search ended, as text.
         weights: weights of the metrics of the objective.
+        warnings: what the machine does in some cases that it should not, such as to run onto a stop.
     """
 
     machine: Rig
@@ -57,6 +59,7 @@ class SizedMachine:
     active: tuple[str, ...]
     convergence: str
     weights: tuple[float, ...]
+    warnings: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,6 +179,16 @@ def _sized_machine(
     return SizedMachine(
         set_parameters(task.machine, design), design, float(evaluation.objective[0]), float(evaluation.violation[0]),
         pd.DataFrame(rows), tuple(active), convergence, tuple(float(w) for w in weighting),
+        _warnings(evaluation.status[0]),
+    )  # fmt: skip
+
+
+def _warnings(statuses: np.ndarray) -> tuple[str, ...]:
+    """A sentence on each status (cases,) other than OK, with the number of its cases."""
+    counts = {Status(int(status)): int(np.sum(statuses == status)) for status in np.unique(statuses)}
+    return tuple(
+        f"{status}{f' in {count} of {len(statuses)} cases' if len(statuses) > 1 else ''}: {REASONS[status]}"
+        for status, count in counts.items() if status is not Status.OK
     )  # fmt: skip
 
 

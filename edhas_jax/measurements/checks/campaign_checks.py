@@ -9,6 +9,7 @@ import numpy as np
 
 from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.measurements.campaign import BenchRun, Campaign, CampaignError, Channel, SignalsByRun
+from edhas_jax.measurements.checks.copied_records import check_copies
 from edhas_jax.measurements.checks.delay_checks import DelayCheck
 from edhas_jax.measurements.checks.impossible_samples import (
     find_impossible_samples,
@@ -17,6 +18,7 @@ from edhas_jax.measurements.checks.impossible_samples import (
 )
 from edhas_jax.measurements.checks.noise_measurement import noise_remarks, with_measured_noise
 from edhas_jax.measurements.checks.signal_checks import check_quality, noise_ratios
+from edhas_jax.measurements.checks.start_checks import check_start
 from edhas_jax.measurements.checks.time_axis_checks import check_time_axis
 from edhas_jax.measurements.checks.unit_checks import check_units
 from edhas_jax.measurements.checks.wiring_checks import check_saturation, check_wiring
@@ -54,7 +56,7 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
     measured = [run for run in campaign.runs if run.signals]
     remarks = [*campaign.remarks]
     models = _simulated_runs(campaign, measured, remarks, on_progress)
-    remarks += _check_sampling_and_files(measured)
+    remarks += [*_check_sampling_and_files(measured), *check_copies(measured)]
     for run in measured:
         remarks += check_wiring(campaign, run, models)
     campaign, unusable = _without_unknown_noise(with_measured_noise(campaign))
@@ -86,6 +88,8 @@ def checked_campaign(campaign: Campaign, on_progress: Callable[[float], None] | 
         fastest = {run.whole: run.interval for run in sorted(runs, key=lambda run: -run.interval)}
         campaign = with_aligned_clocks(campaign, max(1, math.ceil(max(fastest.values()) / step - 1e-9)))
         remarks += campaign.remarks[len(before):]
+    for run in campaign.runs:
+        remarks += check_start(campaign, run, models)
     for name in campaign.channels:
         remarks += check_saturation(campaign, name, models)
     remarks += DelayCheck(campaign, models).check()

@@ -26,6 +26,9 @@ MAX_COMMON_SPREAD = 0.3  # range of the shifts of all signals over their median,
 LAGS_BEYOND_SHIFT = (0.0, 0.5, 1.0, 1.5)  # intervals by which a time constant may exceed the delay that it resembles
 SHIFTS_PER_SCAN = 81
 REFINEMENTS = 3  # scans, each around the best shift of the one before
+NO_SIGNAL_LIKE_MODEL = (
+    "no signal looks like the model's; was the run made under these conditions? Is its time in the unit that is stated?"
+)
 MAX_SAMPLES = 1000  # samples of a run that are used
 
 
@@ -66,8 +69,9 @@ class DelayCheck:
         for run in self._runs.values():
             names = [name for other, name in self._shifts if other == run.name]
             if min((self._shifts[run.name, name].difference for name in names), default=0.0) > MAX_SHAPE_DIFFERENCE:
-                yield run.warning("no signal looks like the model's; was the run made under these conditions?")
+                yield run.warning(NO_SIGNAL_LIKE_MODEL)
                 continue
+            driver = "what drove the model" if run.drives else "the set point"
             excess = {n: self._excess_delay(run, n) for n in names if n not in everywhere}
             delays = list(excess.values())
             shifted = [n for n in excess if self._is_shifted(run, n, excess[n])]
@@ -75,11 +79,12 @@ class DelayCheck:
             same_sign = middle and shifted and min(delays) * max(delays) > 0
             if same_sign and np.ptp(delays) / abs(middle) < MAX_COMMON_SPREAD:
                 delay = _delay_text(middle)
-                yield run.warning(f"all signals are {delay} against the set point; does its time start with the run?")
+                yield run.warning(f"all signals are {delay} against {driver}; does its time start with the run?")
                 continue
+            reference = "the other signals of this run" if len(excess) > 1 else f"{driver}; are both of one recorder?"
             for name in shifted:
                 if not any(_shares(excess[other], excess[name]) for other in excess if other != name):
-                    yield run.warning(f"{name} is {_delay_text(excess[name])} against the other signals of this run")
+                    yield run.warning(f"{name} is {_delay_text(excess[name])} against {reference}")
 
     def _best_shift(self, campaign: Campaign, run: BenchRun, name: str) -> Shift:
         cycle = campaign.machine_of(run).cycle

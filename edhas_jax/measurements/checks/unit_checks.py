@@ -1,7 +1,8 @@
-"""Detect wrong units: the ratio of a signal to the model is far from 1 and close to the ratio of two units.
+"""Detect wrong units, and pressures that are not absolute.
 
-A poor model is off by any factor. Therefore the signal must have the shape of the model's, and the factor must be more
-than the uncertain parameters can explain.
+A unit is suspected where the ratio of a signal to the model is far from 1 and close to the ratio of two units. A poor
+model is off by any factor. Therefore the signal must have the shape of the model's, and the factor must be more than
+the uncertain parameters can explain.
 """
 
 import math
@@ -11,6 +12,7 @@ import numpy as np
 
 from edhas_jax.core.remark import Remark, Severity
 from edhas_jax.core.units import difference_to_si, format_quantity
+from edhas_jax.core.wording import listed
 from edhas_jax.measurements.campaign import BenchRun, Campaign, SignalsByRun
 from edhas_jax.measurements.unknown_parameters import ParameterScale, uncertain_unknowns
 
@@ -22,6 +24,11 @@ RUN_TOLERANCE = 1.3  # factor within which the ratios of all runs must agree to 
 NOISE_TOLERANCE = 2.7  # factor within which the noise of one run, from its fast part, must be that much larger too
 ATMOSPHERE = 101325.0  # Pa
 MAX_GAUGE_DEVIATION = 0.05  # of the atmosphere, by which a gauge pressure may miss it at the start
+MAX_UNCERTAIN_START = 0.3  # of the atmosphere: with more noise the first samples do not show it
+MIN_BELOW_VACUUM = 0.1  # of the atmosphere; the zero of a sensor may be off by less
+MIN_BELOW_NOISE = 5.0  # standard deviations of the noise, which hardly a sample of it exceeds
+MIN_SAMPLES_BELOW = 5  # single ones are outliers, which are left out
+MAX_DRIVES = 3  # that a question names
 COMMON_UNITS = {
     "Pa": ("Pa", "kPa", "bar", "MPa", "psi"), "m": ("µm", "mm", "cm", "m", "inch"), "A": ("mA", "A"),
     "m^3/s": ("mL/min", "mL/s", "L/h", "L/min", "L/s", "m^3/h", "m^3/s"), "V": ("mV", "V"), "m/s": ("mm/s", "m/s"),
@@ -41,7 +48,7 @@ def check_units(campaign: Campaign, run: BenchRun, name: str, models: SignalsByR
         noise_ratio: fast part of the noise of this run over the noise of the signal; see `noise_ratios`.
 
     Returns:
-        A warning if the signal seems to be in another unit than stated, or to be a gauge pressure.
+        A warning if the signal seems to be in another unit than stated, or is a pressure that is not absolute.
     """
     factor, stated, unit = _factor(run, name, models), campaign.channels[name].unit, campaign.machine.signals[name].unit
     if factor is None or not _has_shape(run.signals[name], models[run.name][name]):
@@ -51,7 +58,12 @@ def check_units(campaign: Campaign, run: BenchRun, name: str, models: SignalsByR
         return [Remark(Severity.WARNING, run.file, 1, f"{name}: {sentence}")]
 
     if max(factor, 1.0 / factor) < MIN_FACTOR:
-        if unit != "Pa" or not _is_gauge(run.signals[name], models[run.name][name]):
+        noise = campaign.channels[name].noise
+        if unit == "Pa" and _is_below_vacuum(run.signals[name], models[run.name][name], noise):
+            lowest = format_quantity(float(np.nanmin(run.signals[name])), "Pa")
+            question = "is it a gauge pressure, or is its mean removed? Pressures must be absolute"
+            return warning(f"falls to {lowest}, below zero where the model never is; {question}")
+        if unit != "Pa" or not _is_gauge(run.signals[name], models[run.name][name], noise):
             return []
         question = "is it a gauge pressure? Pressures must be absolute"
         return warning(f"reads {format_quantity(ATMOSPHERE, 'Pa')} below the model from the start; {question}")
@@ -69,6 +81,9 @@ def check_units(campaign: Campaign, run: BenchRun, name: str, models: SignalsByR
         return []
     where = "in every run" if in_all else "in this run"
     question = "is the unit right?" if actual is None else f"are these numbers in {actual}, read as {stated}?"
+    names = ["set point" if drive == "reference" else drive.replace("_", " ") for drive in run.recordings]
+    drives = listed(names, MAX_DRIVES)
+    question += f" Or is what drove the model, {drives}, in another unit?" if drives else ""
     return warning(f"is {factor:.3g} times the value of the model {where}; {question}")
 
 
@@ -80,10 +95,22 @@ def _factor(run: BenchRun, name: str, models: Mapping) -> float | None:
     return float(measured / modelled) if measured > 0.0 and modelled > 0.0 else None
 
 
-def _is_gauge(measured: np.ndarray, modelled: np.ndarray) -> bool:
-    """Whether a pressure starts one atmosphere below the model."""
+def _is_gauge(measured: np.ndarray, modelled: np.ndarray, noise: float) -> bool:
+    """Whether a pressure starts one atmosphere below the model, while that still is where it starts."""
     start = slice(0, max(5, len(measured) // 100))
-    return abs(np.nanmedian(modelled[start] - measured[start]) / ATMOSPHERE - 1.0) < MAX_GAUGE_DEVIATION
+    allowed = MAX_GAUGE_DEVIATION * ATMOSPHERE
+    resting = np.logical_and.accumulate(np.abs(modelled[start] - modelled[0]) < allowed)
+    below = (modelled[start] - measured[start])[resting & np.isfinite(measured[start])]
+    if not len(below):
+        return False
+    allowed += 3.0 * noise / math.sqrt(len(below))
+    return bool(abs(np.median(below) - ATMOSPHERE) < allowed < MAX_UNCERTAIN_START * ATMOSPHERE)
+
+
+def _is_below_vacuum(measured: np.ndarray, modelled: np.ndarray, noise: float) -> bool:
+    """Whether a pressure is below zero, beyond noise and the zero of a sensor, where the model's never is."""
+    smallest = -max(MIN_BELOW_NOISE * noise, MIN_BELOW_VACUUM * ATMOSPHERE)
+    return bool(modelled.min() >= 0.0 and np.sum(measured < smallest) >= MIN_SAMPLES_BELOW)
 
 
 def _has_shape(measured: np.ndarray, modelled: np.ndarray) -> bool:

@@ -57,7 +57,8 @@ def check_wiring(campaign: Campaign, run: BenchRun, models: SignalsByRun) -> Ite
             sentence = "is only noise, without the motion that the model predicts; is it connected?"
             yield run.warning(f"{name} {sentence} {USED}")
         elif _correlation(measured, modelled) < MAX_REVERSED_CORRELATION:
-            yield run.warning(f"{name} has the opposite sign of the model; is its sensor reversed? {USED}")
+            question = "is its sensor, or what drove the model, reversed?" if run.drives else "is its sensor reversed?"
+            yield run.warning(f"{name} has the opposite sign of the model; {question} {USED}")
 
 
 def check_saturation(campaign: Campaign, name: str, models: SignalsByRun) -> Iterator[Remark]:
