@@ -53,7 +53,8 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     problem = calibration_problem(campaign)
     centre = start_coordinates(problem, {})
     report("choosing the time step")
-    resolution = _one_step(choose_time_resolution(problem.model(), centre))
+    chosen = choose_time_resolution(problem.model(), centre)
+    resolution = _one_step(chosen)
     report("fitting the uncertain parameters")
     calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
     if calibrated.excess > PROGRESSIVE_EXCESS * 0.5 * calibrated.samples:
@@ -65,6 +66,9 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     if deviations := unpredictable_part(calibrated.fit.problem, calibrated.fit.x, resolution.coarse):
         finer = _regular_steps(calibrated, resolution.coarse, report)
         if finer is None:
+            # what scatters at random need not be computed quite as accurately
+            steps = max(chosen.coarse, resolution.coarse // 2)
+            resolution = resolution._replace(coarse=steps, fine=steps)
             return _fitted_by_ensemble(calibrated, deviations, resolution, report)
         resolution = _one_step(resolution, finer)
         calibrated = fit_coarse(calibrated.fit.problem, calibrated.fit.x, finer, CALIBRATION_STEPS)
