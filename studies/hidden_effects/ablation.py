@@ -37,37 +37,23 @@ from studies.hidden_effects.work import run_all
 
 
 class Part(enum.Enum):
-    """A part of the diagnosis; the values are the words of the command line, and of the names of files."""
+    """A part of the diagnosis, with what is left out without it, for the table."""
 
-    LAW_DEVIATIONS = "law_deviations"
-    CURVES_AS_LAWS = "curves_as_laws"
-    EFFECTS_FOR_CURVES = "effects_for_curves"
-    FREE_TERMS = "free_terms"
-    BACKGROUND = "background"
-    EXCHANGES = "exchanges"
-    SMALLER_SETS = "smaller_sets"
-    OTHER_STARTS = "other_starts"
-    LONGER_FITS = "longer_fits"
-    SOLVER_ERROR = "solver_error"
+    LAW_DEVIATIONS = "deviations of an effect from its law, integrated out"
+    CURVES_AS_LAWS = "free curves as the law of an effect"
+    EFFECTS_FOR_CURVES = "effects tried in place of a free curve at their component"
+    FREE_TERMS = "free terms, so that no answer is `unknown`"
+    BACKGROUND = "the background beneath the predictions"
+    EXCHANGES = "additions to other sets than the best one (exchanges)"
+    SMALLER_SETS = "the best set without each of its members, fitted from there"
+    OTHER_STARTS = "further starts of a fit"
+    LONGER_FITS = "fits of the best set that go on to their minimum"
+    SOLVER_ERROR = "the solver's error at the estimate of each set"
 
     @property
-    def title(self) -> str:
-        """What is left out, for a table."""
-        return TITLES[self]
-
-
-TITLES = {
-    Part.LAW_DEVIATIONS: "deviations of an effect from its law, integrated out",
-    Part.CURVES_AS_LAWS: "free curves as the law of an effect",
-    Part.EFFECTS_FOR_CURVES: "effects tried in place of a free curve at their component",
-    Part.FREE_TERMS: "free terms, so that no answer is `unknown`",
-    Part.BACKGROUND: "the background beneath the predictions",
-    Part.EXCHANGES: "additions to other sets than the best one (exchanges)",
-    Part.SMALLER_SETS: "the best set without each of its members, fitted from there",
-    Part.OTHER_STARTS: "further starts of a fit",
-    Part.LONGER_FITS: "fits of the best set that go on to their minimum",
-    Part.SOLVER_ERROR: "the solver's error at the estimate of each set",
-}  # fmt: skip
+    def word(self) -> str:
+        """Its word on the command line, and in the names of files."""
+        return self.name.lower()
 
 
 @contextlib.contextmanager
@@ -113,7 +99,7 @@ def _left_out(part: Part) -> tuple[object, dict[str, object]]:
 
 def file_name(part: Part) -> str:
     """The name under which answers without a part are stored."""
-    return f"without_{part.value}"
+    return f"without_{part.word}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,7 +124,7 @@ def run_job(job: Job) -> str:
             with without(part):
                 answer = answer_with(Method.OURS, case, SharedParts(case))
             job.results.store_answer(job.key, file_name(part), answer)
-    return f"{job.key}: without {', '.join(part.value for part in job.parts)}"
+    return f"{job.key}: without {', '.join(part.word for part in job.parts)}"
 
 
 def _once_for_each_noise(calibrate: Callable) -> Callable:
@@ -165,8 +151,8 @@ def table(records: Sequence[Record], parts: Sequence[Part]) -> tuple[list[str], 
         worse = sum(is_wrong(t, b) and not is_wrong(t, a) for t, a, b in pairs)
         changed = sum(_is_other(a, b) for _, a, b in pairs)
         for head, number in zip(columns, (len(pairs), changed, better, worse), strict=True):
-            columns[head][part.title] = str(number)
-        said.append(f"{part.value}_better={better} {part.value}_worse={worse}")
+            columns[head][part.value] = str(number)
+        said.append(f"{part.word}_better={better} {part.word}_worse={worse}")
     return markdown_table(list(columns), list(columns.values())), " ".join([f"cases={len(records)}", *said])
 
 
@@ -183,13 +169,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--families", nargs="+", choices=[f.value for f in Family], default=[], metavar="LETTER")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--cases", type=int, default=6, help="how many numbers")
-    words = [part.value for part in Part]
+    words = [part.word for part in Part]
     parser.add_argument("--parts", nargs="+", choices=words, default=words, metavar="PART",
                         help=f"of {', '.join(words)}; all by default")  # fmt: skip
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/hidden_effects"))
     options = parser.parse_args(arguments)
-    results, parts = ResultFolder(options.out), [Part(name) for name in options.parts]
+    results, parts = ResultFolder(options.out), [part for part in Part if part.word in options.parts]
     keys, names = keys_of(options.split, options.families, options.first, options.cases), list(map(file_name, parts))
     jobs = []
     for key in keys:

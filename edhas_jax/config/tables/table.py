@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from edhas_jax.core.remark import Severity
+from edhas_jax.core.remark import Remark, Severity
 
 TIME = "time"  # the name of the time stamps that a file keeps apart from its channels
 # bytes of a file, and of its numbers in memory, where several copies of them must fit
@@ -39,7 +39,7 @@ class TableError(ValueError):
 
     def at(self, path: Path) -> str:
         """The sentence behind the file and the line at fault."""
-        return f"{path}:{self.line}: {self}" if self.line else f"{path}: {self}"
+        return str(Remark(Severity.ERROR, path, self.line, str(self)))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -124,8 +124,8 @@ class CompleteTable:
         Raises:
             TableError: one does not.
         """
-        for sentence in self._columns_left_out:
-            raise TableError(0, sentence)
+        if self._columns_left_out:
+            raise TableError(0, self._columns_left_out[0])
 
 
 def _tables(path: Path, report: Report, layout: Layout) -> list[Table]:

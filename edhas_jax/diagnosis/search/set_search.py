@@ -305,7 +305,7 @@ class SetSearch:
         return chosen + [move for move in laws if move.key not in known and move not in chosen]
 
     def _expanded(self, best: FittedSet) -> list[FittedSet]:
-        """The sets whose additions are predicted: the best ones, and the best one without one of its members."""
+        """The sets whose additions are predicted: the best ones, and the best one less each of its members."""
         smaller = [self.sets.get(best.key - {c.name}) for c in best.members]
         return [*self.ranked()[:EXPANDED], *(of for of in smaller if of is not None)]
 

@@ -28,7 +28,7 @@ from edhas_jax.measurements.time_resolution import (
 CALIBRATION_STEPS, NEXT_STEPS = 25, 12  # maximum number of Levenberg-Marquardt steps: of the first fit, of later ones
 PROGRESSIVE_EXCESS = 0.5  # of χ² over the number of samples, from which growing parts of the runs are fitted
 IRREGULAR_STEPS = 25  # maximum number of steps where the signals depend irregularly on the parameters
-MAX_HALVINGS = 3  # of the time step, where its error at the fitted parameters is too large
+MAX_HALVINGS = 3  # most halvings of the time step where its error at the fitted parameters is too large
 NEAR_THE_NOISE = 1.5  # rms of the residual over the noise, up to which a finer step is tried against irregular signals
 SMALLEST_REGULAR_STEP = 0.25  # of the step with which a run of the machine begins; the finest one that is tried there
 
@@ -43,8 +43,8 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         on_progress: called with a sentence on the progress.
 
     Returns:
-        The fit, the solver's error removed, and the time steps per sample. Coarse and fine ones are the same: at a
-        coarser step a valve that bounces has minima of the cost that are none, whether its error is removed or not.
+        The fit, the solver's error removed, and the time steps per sample. Coarse and fine ones are the same: where a
+        valve bounces, the cost has false minima at a coarser step, whether its error is removed or not.
 
     Raises:
         FitError: there is nothing to fit, or the model cannot be fitted.
@@ -54,7 +54,7 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     centre = start_coordinates(problem, {})
     report("choosing the time step")
     chosen = choose_time_resolution(problem.model(), centre)
-    resolution = _one_step(chosen)
+    resolution = _one_step(chosen, chosen.fine)
     report("fitting the uncertain parameters")
     calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
     if calibrated.excess > PROGRESSIVE_EXCESS * 0.5 * calibrated.samples:
@@ -67,8 +67,7 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
         finer = _regular_steps(calibrated, resolution.coarse, report)
         if finer is None:
             # what scatters at random need not be computed quite as accurately
-            steps = max(chosen.coarse, resolution.coarse // 2)
-            resolution = resolution._replace(coarse=steps, fine=steps)
+            resolution = _one_step(resolution, max(chosen.coarse, resolution.coarse // 2))
             return _fitted_by_ensemble(calibrated, deviations, resolution, report)
         resolution = _one_step(resolution, finer)
         calibrated = fit_coarse(calibrated.fit.problem, calibrated.fit.x, finer, CALIBRATION_STEPS)
@@ -81,9 +80,8 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     return without_wrong_samples(settled, resolution), resolution
 
 
-def _one_step(resolution: TimeResolution, steps: int = 1) -> TimeResolution:
-    """The finest of some time steps per sample, for all fits."""
-    steps = max(steps, *resolution[:2])
+def _one_step(resolution: TimeResolution, steps: int) -> TimeResolution:
+    """One number of time steps per sample for all fits."""
     return resolution._replace(coarse=steps, fine=steps)
 
 

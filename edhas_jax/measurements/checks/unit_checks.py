@@ -96,7 +96,7 @@ def _factor(run: BenchRun, name: str, models: Mapping) -> float | None:
 
 
 def _is_gauge(measured: np.ndarray, modelled: np.ndarray, noise: float) -> bool:
-    """Whether a pressure starts one atmosphere below the model, while that still is where it starts."""
+    """Whether a pressure lies one atmosphere below the model as long as the model stays where it starts."""
     start = slice(0, max(5, len(measured) // 100))
     allowed = MAX_GAUGE_DEVIATION * ATMOSPHERE
     resting = np.logical_and.accumulate(np.abs(modelled[start] - modelled[0]) < allowed)
