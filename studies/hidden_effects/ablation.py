@@ -18,7 +18,6 @@ import argparse
 import contextlib
 import dataclasses
 import enum
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from unittest import mock
@@ -181,12 +180,7 @@ def main(arguments: list[str] | None = None) -> int:
     for key in keys:
         if missing := results.missing(key, names):
             jobs.append(Job(key, tuple(part for part in parts if file_name(part) in missing), results))
-    try:
-        run_all(run_job, jobs, options.workers)
-    except KeyboardInterrupt:
-        print(f"stopped; answers so far are in {options.out}, the same command continues with the rest",
-              file=sys.stderr)  # fmt: skip
-        return 130
+    run_all(run_job, jobs, options.workers, options.out)
     lines, last = table(results.records(keys, [Method.OURS.value, *names]), parts)
     print("\n".join(lines))
     print(last)

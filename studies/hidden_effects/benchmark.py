@@ -23,7 +23,6 @@ The last line has the main figures of each method as `key=value`: `ours_top1=…
 
 import argparse
 import dataclasses
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -91,7 +90,7 @@ def study(keys: Iterable[CaseKey], methods: tuple[Method, ...], workers: int, re
     for key in keys:
         if missing := results.missing(key, [m.value for m in methods]):
             jobs.append(Job(key, tuple(m for m in methods if m.value in missing), results))
-    run_all(run_job, jobs, workers)
+    run_all(run_job, jobs, workers, results.folder)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -112,12 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     keys = keys_of(options.split, options.families, options.first, options.cases)
     if not keys:
         parser.error(f"no {options.split.value} case of {', '.join(options.families)} among these numbers")
-    try:
-        study(keys, methods, options.workers, results)
-    except KeyboardInterrupt:
-        print(f"stopped; answers so far are in {options.out}, the same command continues with the rest",
-              file=sys.stderr)  # fmt: skip
-        return 130
+    study(keys, methods, options.workers, results)
     records = results.records(keys, [m.value for m in methods])
     print(f"\n{options.split.value} cases {keys[0]} … {keys[-1]}")
     print(report(records, results.not_drawn(keys)))

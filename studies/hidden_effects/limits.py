@@ -16,7 +16,6 @@ the benchmark tells the cases whose effects all stand out from the others. The l
 
 import argparse
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -117,12 +116,8 @@ def main(arguments: list[str] | None = None) -> int:
     results = ResultFolder(options.out)
     keys = keys_of(options.split, options.families, options.first, options.cases)
     known = {key: record for key in keys for record in results.records([key], ())}
-    try:
-        jobs = [(key, results) for key in keys if key not in known or _lacks_limit(known[key])]
-        run_all(run_job, jobs, options.workers)
-    except KeyboardInterrupt:
-        print("stopped; the same command continues with the rest", file=sys.stderr)
-        return 130
+    jobs = [(key, results) for key in keys if key not in known or _lacks_limit(known[key])]
+    run_all(run_job, jobs, options.workers, options.out)
     limits = [record.limit for record in results.records(keys, ()) if record.limit is not None]
     print(f"cases={len(keys)} fitted={len(limits)} stand_out={sum(limit.all_stand_out for limit in limits)}")
     return 0

@@ -126,11 +126,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     keys = keys_of(Split(options.split), options.families, options.first, options.cases)
     files = {key: options.out / options.split / f"{key}.json" for key in keys}
-    try:
-        run_all(run_job, [Job(key, file) for key, file in files.items() if not file.exists()], options.workers)
-    except KeyboardInterrupt:
-        print(f"stopped; the same command continues with the rest, {options.out} has what is finished", file=sys.stderr)
-        return 130
+    waiting = [Job(key, file) for key, file in files.items() if not file.exists()]
+    run_all(run_job, waiting, options.workers, options.out)
     cases = {key: read_json(file) for key, file in files.items()}
     report(cases)
     return 0

@@ -2,28 +2,39 @@
 
 import multiprocessing
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TypeVar
 
 Job = TypeVar("Job")
+INTERRUPTED = 130  # exit status of a command that was interrupted, as shells have it
 JOBS_PER_WORKER = 10  # jobs after which a worker process is replaced, because compiled programs accumulate
 
 
-def run_all(function: Callable[[Job], str], jobs: Sequence[Job], workers: int) -> None:
+def run_all(function: Callable[[Job], str], jobs: Sequence[Job], workers: int, kept: Path) -> None:
     """Call a function for every job and print the sentences that it returns.
 
     Args:
         function: runs one job; a function of a module.
         jobs: the jobs.
         workers: number of processes, each with one core; with 1 the jobs run in this process.
+        kept: the folder in which the function keeps what is finished.
+
+    Raises:
+        SystemExit: the user has interrupted the study, and was told where it goes on.
     """
-    if workers == 1:
-        _print_progress(map(function, jobs), len(jobs))
-        return
-    os.environ["EDHAS_CORES"] = "1"  # of each worker
-    with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=JOBS_PER_WORKER) as pool:
-        _print_progress(pool.imap_unordered(function, jobs), len(jobs))
+    try:
+        if workers == 1:
+            _print_progress(map(function, jobs), len(jobs))
+            return
+        os.environ["EDHAS_CORES"] = "1"  # of each worker
+        with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=JOBS_PER_WORKER) as pool:
+            _print_progress(pool.imap_unordered(function, jobs), len(jobs))
+    except KeyboardInterrupt:
+        print(f"stopped; {kept} has what is finished, the same command continues with the rest", file=sys.stderr)
+        raise SystemExit(INTERRUPTED) from None
 
 
 def _print_progress(done: Iterator[str], count: int) -> None:

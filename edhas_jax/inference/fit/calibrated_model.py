@@ -57,11 +57,15 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     resolution = _one_step(chosen, chosen.fine)
     report("fitting the uncertain parameters")
     calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
-    if calibrated.excess > PROGRESSIVE_EXCESS * 0.5 * calibrated.samples:
-        report("fitting growing parts of the runs")
-        starts = np.array([centre, calibrated.fit.x])
-        better = fit_progressively(problem, starts, 1, resolution.coarse, NEXT_STEPS, calibrated)
-        calibrated = better or calibrated
+    if _leaves_much(calibrated):
+        in_time = settle(calibrated, resolution, report)  # a wrong clock alone may leave that much
+        if not _leaves_much(in_time):
+            calibrated = in_time
+        else:
+            report("fitting growing parts of the runs")
+            starts = np.array([centre, calibrated.fit.x])
+            better = fit_progressively(problem, starts, 1, resolution.coarse, NEXT_STEPS, calibrated)
+            calibrated = better or calibrated
     calibrated, resolution = _with_accurate_step(calibrated, resolution, report)
     if deviations := unpredictable_part(calibrated.fit.problem, calibrated.fit.x, resolution.coarse):
         finer = _regular_steps(calibrated, resolution.coarse, report)
@@ -78,6 +82,10 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     if across is not settled:
         settled = min(settled, with_solver_error(across, resolution, NEXT_STEPS), key=lambda of: of.cost)
     return without_wrong_samples(settled, resolution), resolution
+
+
+def _leaves_much(fit: EvaluatedFit) -> bool:
+    return fit.excess > PROGRESSIVE_EXCESS * 0.5 * fit.samples
 
 
 def _one_step(resolution: TimeResolution, steps: int) -> TimeResolution:

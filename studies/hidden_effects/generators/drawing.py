@@ -18,7 +18,14 @@ from studies.hidden_effects.generators.benches import Bench
 from studies.hidden_effects.generators.chains import DrawnLink, draw_links, typical_noise
 from studies.hidden_effects.generators.content import CONTENT, OWN_MACHINES
 from studies.hidden_effects.generators.disturbances import draw_disturbances
-from studies.hidden_effects.generators.hidden_case import JUDGING_ORDER, CaseKey, Family, HiddenCase, Split
+from studies.hidden_effects.generators.hidden_case import (
+    JUDGING_ORDER,
+    WITH_ANY_DIFFICULTY,
+    CaseKey,
+    Family,
+    HiddenCase,
+    Split,
+)
 from studies.hidden_effects.generators.laws import Law, can_mount, library_law
 from studies.hidden_effects.generators.records import recorded
 from studies.hidden_effects.generators.sensor_faults import draw_fault
@@ -59,7 +66,7 @@ _OF_FAMILY = {
     Family.SETTINGS: Difficulty.SETTINGS, Family.SMALL_CAMPAIGNS: Difficulty.SMALL,
 }  # fmt: skip
 _IN_TURN = (Difficulty.DISTURBANCES, Difficulty.CHAIN, Difficulty.SETTINGS)  # of cases with several effects
-# how often a judging case has each of them, in the order of `Difficulty`
+# how often a case with any of them has each, in the order of `Difficulty`
 _SHARES = {Family.NULLS: (0.75, 0.85, 0.75, 0.15), Family.UNKNOWNS: (0.2, 0.35, 0.35, 0.05)}
 _USUAL_SHARES = (0.3, 0.35, 0.35, 0.05)
 
@@ -97,11 +104,14 @@ class _Draw:
             turn, place = divmod(key.number, OWN_MACHINE_EVERY)
             if place == OWN_MACHINE_EVERY // 2:
                 self.content = OWN_MACHINES[turn % len(OWN_MACHINES)]
+        if family in WITH_ANY_DIFFICULTY:
             shares = _SHARES.get(family, _USUAL_SHARES)
             self.wrong = {d for d, share in zip(Difficulty, shares, strict=True) if rng.uniform() < share}
             if family is Family.SINGLES:
-                turn, place = divmod(key.number, len(JUDGING_ORDER))
-                singles = turn * JUDGING_ORDER.count(key.family) + JUDGING_ORDER[:place].count(key.family)
+                singles = key.number
+                if key.split is Split.JUDGING:
+                    turn, place = divmod(key.number, len(JUDGING_ORDER))
+                    singles = turn * JUDGING_ORDER.count(key.family) + JUDGING_ORDER[:place].count(key.family)
                 self.is_fault, position = singles % FAULT_EVERY == FAULT_EVERY - 1, GOLDEN * singles % 1.0
                 self.visible = MIN_VISIBLE * (LARGEST_VISIBLE / MIN_VISIBLE) ** position
                 if self.visible < VISIBLE_BESIDE_DISTURBANCES:

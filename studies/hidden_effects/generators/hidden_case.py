@@ -20,7 +20,7 @@ class Split(enum.Enum):
 
 
 class Family(enum.Enum):
-    """What makes a case difficult, by its letter; the last four are those of judging cases."""
+    """What makes a case difficult, by its letter; judging cases are of the last four."""
 
     OTHER_LAWS = "b"  # a mechanism of the library acts by another law
     DISTURBANCES = "c"  # effects that are not in the library, with or without one of the library
@@ -35,7 +35,7 @@ class Family(enum.Enum):
     UNKNOWNS = "w"  # as WITHHELD, with any of the difficulties above
 
 
-OF_JUDGING = (Family.NULLS, Family.PAIRS, Family.SINGLES, Family.UNKNOWNS)
+WITH_ANY_DIFFICULTY = (Family.NULLS, Family.PAIRS, Family.SINGLES, Family.UNKNOWNS)
 # families of the judging cases in turn: of 340 cases 100 have several effects, and 80 each belong to the others
 JUDGING_ORDER = "pnswpnspwnpswnpsw"
 
@@ -65,7 +65,7 @@ def keys_of(split: Split, families: list[str], first: int, count: int) -> list[C
     if split is Split.JUDGING:
         keys = [CaseKey(JUDGING_ORDER[n % len(JUDGING_ORDER)], split, n) for n in numbers]
         return [key for key in keys if not families or key.family in families]
-    families = families or [f.value for f in Family if f not in OF_JUDGING]
+    families = families or [f.value for f in Family if f not in WITH_ANY_DIFFICULTY]
     return [CaseKey(family, split, n) for family in families for n in numbers]
 
 
