@@ -1,4 +1,4 @@
-"""How good are the five numbers of the weight of a set (`WeightConstants`), and would others be better?
+"""How good are the six numbers of the weight of a set (`WeightConstants`), and would others be better?
 
     python -m studies.hidden_effects.weights [--split varied|tuning] [--families b c …] [--first K] [--cases N]
                                              [--workers K] [--out DIR]
@@ -10,8 +10,8 @@ withheld, that hold a free term and name nothing; a fault of a sensor that is no
 step is taken as long as one raises the score; then each family is left out of that search in turn, and judged with what
 the others say.
 
-The last line: `cases=… score=… score_best=… score_left_out=… freedoms=… expected=… unknown_odds=… law_error=…
-least_error=…`, the last five as they would be best.
+The last line: `cases=… score=… score_best=… score_left_out=… freedoms=… beyond_noise=… expected=… unknown_odds=…
+law_error=… least_error=…`, the last six as they would be best.
 """
 
 import argparse

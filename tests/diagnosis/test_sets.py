@@ -13,8 +13,8 @@ from edhas_jax.diagnosis.candidates.free_curve import CurveCandidate
 from edhas_jax.diagnosis.search.diagnose import diagnose
 from edhas_jax.diagnosis.search.linear_model import Floor, LinearModel, effective_samples, floor_of
 from edhas_jax.diagnosis.search.posterior import NOTHING, UNKNOWN, SetPosterior, labels
-from edhas_jax.diagnosis.search.set_search import FittedSet, Move, SetSearch
-from edhas_jax.diagnosis.search.weight import Weighing, WeightConstants, log_student
+from edhas_jax.diagnosis.search.set_search import PREDICTION_ERROR, FittedSet, Move, SetSearch
+from edhas_jax.diagnosis.search.weight import Weighing, WeightConstants, log_likelihood
 from edhas_jax.inference.fit.evaluated_fit import fit_coarse, start_coordinates
 from edhas_jax.inference.fit.fit_problem import calibration_problem
 from edhas_jax.machine.effects import CoggingForce, EddyDrag, InverterDeadTime, MagneticSaturation, SupplySag
@@ -22,7 +22,7 @@ from edhas_jax.machine.effects.tabulated_law import LawPlace, tabulated_class
 from tests.support.synthetic_campaign import PER_SAMPLE, bench, empty_campaign, measured
 
 # not those of the diagnosis, so that what is tested here does not depend on how these are chosen
-NUMBERS = WeightConstants(freedoms=30.0, law_error=0.01, least_error=10.0)
+NUMBERS = WeightConstants(freedoms=30.0, beyond_noise=5.0, law_error=0.01, least_error=10.0)
 LIBRARY = (InverterDeadTime, MagneticSaturation, EddyDrag, CoggingForce)
 
 
@@ -107,10 +107,15 @@ def test_a_fit_without_misfit_has_no_background(model):
 
 
 def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
-    assert log_student(1.0, 30.0) - log_student(2.0, 30.0) == pytest.approx(1.0, abs=0.1)
-    halved = 15.0 * np.log(2.0)
-    assert log_student(1e5, 30.0) - log_student(2e5, 30.0) == pytest.approx(halved, rel=1e-3)
-    assert log_student(1e6, 30.0) - log_student(2e6, 30.0) == pytest.approx(halved, rel=1e-3)
+    """Near X₀ each nat; far above it a factor, which counts more where the misfit is above that of the noise too."""
+
+    def worth(misfit, samples):
+        return log_likelihood(misfit, samples, NUMBERS) - log_likelihood(2.0 * misfit, samples, NUMBERS)
+
+    assert worth(1.0, 10**9) == pytest.approx(1.0, abs=0.1)
+    assert worth(1e5, 10**9) == pytest.approx(15.0 * np.log(2.0), rel=1e-3)
+    assert worth(1e6, 10**9) == pytest.approx(15.0 * np.log(2.0), rel=2e-3)
+    assert worth(1e6, 1000) == pytest.approx(20.0 * np.log(2.0), rel=1e-3)
 
 
 def a_set(weight, *kinds):
@@ -119,11 +124,13 @@ def a_set(weight, *kinds):
 
 
 def test_probabilities_are_sums_over_sets():
+    """Together they leave a tenth for what the search has not fitted."""
     dead, eddy, cogging = InverterDeadTime, EddyDrag, CoggingForce
     found = SetPosterior((a_set(0.6, dead), a_set(0.3, dead, eddy), a_set(0.07, cogging), a_set(0.03)))
-    assert found.probabilities["inverter_dead_time"] == pytest.approx(0.9)
-    assert found.probabilities["eddy_drag"] == pytest.approx(0.3)
-    assert found.probabilities[NOTHING] == pytest.approx(0.03)
+    assert found.probabilities["inverter_dead_time"] == pytest.approx(0.9 * 0.9)
+    assert found.probabilities["eddy_drag"] == pytest.approx(0.9 * 0.3)
+    assert found.probabilities[NOTHING] == pytest.approx(0.9 * 0.03)
+    assert sum(found.weights) == pytest.approx(0.9)
     assert found.credible == ("inverter_dead_time", "cogging_force")
 
 
@@ -155,7 +162,7 @@ def test_a_component_with_two_causes_counts_once():
     found = SetPosterior((a_set(0.7, CoggingForce, EddyDrag), a_set(0.2, EddyDrag, InverterDeadTime), a_set(0.1)))
     mover, coil = Candidate(EddyDrag).location, Candidate(InverterDeadTime).location
     assert Candidate(CoggingForce).location == mover != coil
-    assert found.locations() == pytest.approx({mover: 0.9, coil: 0.2})
+    assert found.locations() == pytest.approx({mover: 0.9 * 0.9, coil: 0.9 * 0.2})
 
 
 def test_the_empty_set_is_an_unknown_cause_where_it_leaves_much():
@@ -168,11 +175,11 @@ def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):
     weight = Weighing(1, 1, 1000, NUMBERS)
     far, farther = (FittedSet((), None, None, misfit, 100.0, misfit, 1000) for misfit in (4e5, 8e5))
     weight.note(far), weight.note(farther)
-    assert weight.of(far) - weight.of(farther) == pytest.approx(15.0 * np.log(2.0), rel=1e-2)
+    assert weight.of(far) - weight.of(farther) == pytest.approx(20.0 * np.log(2.0), rel=1e-2)
     at_noise = FittedSet((), None, None, 550.0, 60.0, 0.0, 1000)
     weight = Weighing(1, 1, 1000, NUMBERS)
     weight.note(at_noise)
-    assert weight.of(at_noise) == pytest.approx(log_student(10.0, 30.0))
+    assert weight.of(at_noise) == pytest.approx(log_likelihood(10.0, 1000, NUMBERS))
     assert weight.at(551.0, 0, 0) - weight.of(at_noise) == pytest.approx(
         -1.0 / (1.0 + 20.0 / 30.0), rel=0.05
     )
@@ -245,3 +252,20 @@ def test_effects_of_the_component_of_a_free_curve_are_fitted_in_its_place_but_no
     for of in search.sets.values():
         search.weight.note(of)
     assert [move.added.name for move in search._moves(best)] == ["supply_sag"]
+
+
+@pytest.mark.parametrize("excess, tried", [(3000.0, 2), (0.0, 0)])
+def test_above_the_noise_two_additions_are_fitted_though_they_promise_a_little_too_little(excess, tried):
+    """A signature may predict too little of what an effect does beside another one."""
+    empty = FittedSet((), None, None, 90_000.0, 60.0, 89_000.0, 1000)
+    best = FittedSet((Candidate(EddyDrag),), None, None, 4000.0, 60.0, excess, 1000)
+    search = SetSearch.__new__(SetSearch)
+    search.sets, search.weight, search._failed = {of.key: of for of in (empty, best)}, Weighing(47, 40, 1000), set()
+    for of in search.sets.values():
+        search.weight.note(of)
+    kinds = (CoggingForce, SupplySag, InverterDeadTime)
+    empty.moves = []
+    best.moves = [Move(best, Candidate(kind), np.zeros(0), np.zeros(0), 1000.0 + k) for k, kind in enumerate(kinds)]
+    shortfalls = [search.weight.of(best) - search._predicted(move) for move in best.moves]
+    assert all(0.0 < shortfall < PREDICTION_ERROR for shortfall in shortfalls)
+    assert [move.added.kind for move in search._moves(best)] == [InverterDeadTime, SupplySag][:tried]

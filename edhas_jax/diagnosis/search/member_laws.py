@@ -13,12 +13,12 @@ import numpy as np
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm, with_candidates
 from edhas_jax.diagnosis.candidates.law_deviation import LawDeviation, curve_columns, law_deviation, memory_columns
 from edhas_jax.diagnosis.search.linear_model import Floor, FlooredModel, LinearModel
-from edhas_jax.diagnosis.search.weight import log_student
+from edhas_jax.diagnosis.search.weight import log_likelihood
 from edhas_jax.inference.fit.evaluated_fit import EvaluatedFit, fit_coarse, noise_level
 from edhas_jax.inference.fit.fit_problem import FitError
 from edhas_jax.measurements.time_resolution import TimeResolution
 
-LAW_GAIN = 5.0  # nats of log weight from which a law differs (150 : 1), as four widths of its prior are tried
+LAW_GAIN = 4.0  # nats of log weight from which a law differs (50 : 1), as four widths of its prior are tried
 SPREADS = (1.0, 4.0, 16.0, 64.0)  # prior standard deviations of a deviation that are compared, over the usual one
 CURVE_STEPS = 10  # maximum number of Levenberg-Marquardt steps of the fit with a curve
 
@@ -103,7 +103,8 @@ def _gain(samples: int, library: FlooredModel | None, other: FlooredModel | None
     if library is None or other is None:
         return 0.0
     least = min(noise_level(samples) + min(library.numbers, other.numbers), library.misfit, other.misfit)
-    return max(log_student(other.misfit - least) - log_student(library.misfit - least), 0.0)
+    by_other, by_library = (log_likelihood(of.misfit - least, samples) for of in (other, library))
+    return max(by_other - by_library, 0.0)
 
 
 def _scaled(columns: Sequence[Mapping[str, np.ndarray]], factor: float) -> list[dict[str, np.ndarray]]:

@@ -1,14 +1,16 @@
 """The weight of a set of effects, from its misfit.
 
 The weight of a set is its prior times a Student distribution of its misfit X (`FlooredModel.misfit`) with α freedoms,
+and one with 2 β of them as wide as the noise of all n samples,
 
-    ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α)
+    ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α) − β ln(1 + 2 (X − X₀)/n)
 
 with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less a share
 of what the best set explains, which the error of its laws may leave anywhere, and a few nats at least, which the error
 of any model of a bench may leave. Near the noise (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio
 of misfits counts, because the error of a model is a few smooth functions, not one error for each sample: half the
-misfit is worth (α/2) ln 2.
+misfit is worth (α/2) ln 2, and β ln 2 more where it is larger than the noise: the small effects that no list has seldom
+leave that much.
 
 Source: Student distribution in place of a normal one for model error: Miller and Dunson, J. Am. Stat. Assoc. 114 (2019)
 1113 (coarsened posterior).
@@ -25,10 +27,11 @@ from edhas_jax.inference.fit.evaluated_fit import noise_level
 
 @dataclasses.dataclass(frozen=True)
 class WeightConstants:
-    """The five numbers of the weight.
+    """The six numbers of the weight.
 
     Args:
-        freedoms: α: a misfit that a law leaves has about as many free numbers as two curves.
+        freedoms: α: the error of a model has about as many independent numbers.
+        beyond_noise: β: with α/2 it is what a factor on the misfit is worth far above the noise.
         expected: named effects that a campaign hides on average, over all candidates together.
         unknown_odds: odds that it hides one that no list has, over all places together.
         law_error: share of what a set explains: 12 % of its amplitude.
@@ -36,11 +39,12 @@ class WeightConstants:
             more ways.
     """
 
-    freedoms: float = 20.0
+    freedoms: float = 8.0
+    beyond_noise: float = 6.0
     expected: float = 1.0
-    unknown_odds: float = 0.1
+    unknown_odds: float = 0.3
     law_error: float = 0.015
-    least_error: float = 40.0
+    least_error: float = 20.0
 
 
 WEIGHT = WeightConstants()
@@ -95,7 +99,7 @@ class Weighing:
     def at(self, misfit: float, named: int, free: int) -> float:
         """The same from the misfit [nats] of a set and its numbers of named members and of free terms."""
         log_prior = named * self._log_named + free * self._log_free
-        return log_student(misfit - self._least, self.constants.freedoms) + log_prior
+        return log_likelihood(misfit - self._least, self.samples, self.constants) + log_prior
 
 
 def counts(members: Sequence[Candidate]) -> tuple[int, int]:
@@ -104,6 +108,9 @@ def counts(members: Sequence[Candidate]) -> tuple[int, int]:
     return len(members) - free, free
 
 
-def log_student(misfit: float, freedoms: float = WEIGHT.freedoms) -> float:
-    """The logarithm of the weight of a misfit [nats]; see the module."""
-    return -misfit if misfit < 0.0 else -0.5 * freedoms * math.log1p(2.0 * misfit / freedoms)
+def log_likelihood(misfit: float, samples: int, constants: WeightConstants = WEIGHT) -> float:
+    """The logarithm of the weight of a misfit [nats] without the prior; see the module."""
+    if misfit < 0.0:
+        return -misfit
+    half = 0.5 * constants.freedoms
+    return -half * math.log1p(misfit / half) - constants.beyond_noise * math.log1p(2.0 * misfit / samples)
