@@ -147,6 +147,14 @@ def test_what_takes_the_place_of_a_member_is_near_and_as_small():
     assert found.evidence(Candidate(sag)) == pytest.approx(np.log(0.10 / 0.50))
 
 
+def test_the_evidence_for_an_effect_is_not_against_a_curve_that_may_be_its_law():
+    place = LawPlace("coil_voltage_change", "current")
+    curve = CurveCandidate(tabulated_class("curve", place, 3), place=place, nodes=(-1.0, 0.0, 1.0))
+    with_curve = dataclasses.replace(a_set(0.3), members=(curve,))
+    found = SetPosterior((a_set(0.6, InverterDeadTime), with_curve, a_set(0.1)))
+    assert found.evidence(Candidate(InverterDeadTime)) == pytest.approx(np.log(0.6 / 0.1))
+
+
 def test_a_member_counts_by_what_the_misfit_rises_without_it():
     dead, eddy = InverterDeadTime, EddyDrag
     best, without_eddy, without_dead = (

@@ -84,8 +84,12 @@ class SetPosterior:
         return next(of for of in self.sets if candidate.name in of.key)
 
     def evidence(self, candidate: Candidate) -> float:
-        """The log weight [nats] of the best set with a candidate, less that of the best one without it."""
-        without = next((of.log_weight for of in self.sets if candidate.name not in of.key), -math.inf)
+        """The log weight [nats] of the best set with a candidate, less that of the best one without it.
+
+        Not one with a free term, which may be the law of the candidate.
+        """
+        others = (of for of in self.sets if not any(isinstance(c, FreeTerm) for c in of.members))
+        without = next((of.log_weight for of in others if candidate.name not in of.key), -math.inf)
         return self.best_with(candidate).log_weight - without
 
     def candidates(self) -> list[tuple[Candidate, float]]:
