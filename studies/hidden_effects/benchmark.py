@@ -5,18 +5,18 @@
 
 Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by split,
 family and number; `--cases` from `--first` on are run of each family. The family of a judging case follows from its
-number: `--split judging --cases 340` are all of them.
+number: `--split judging --first 44 --cases 340` are all of them that judge.
 
 Each answer is stored in DIR when it is there and not computed again, so that the same command continues a study that
 was stopped, and another method can be added later. An answer that ended in an error counts as wrong.
 
-`previous` is `edhas diagnose` of an earlier version of the package, whose code need not be in this one:
+`previous` is `edhas diagnose` of an earlier version of the project, with that version's own studies:
 
-    git archive COMMIT edhas_jax | tar -x -C EMPTY        # the earlier package alone, into a folder that exists
-    cd EMPTY; PYTHONPATH=EMPTY:THIS python -m studies.hidden_effects --methods previous --out SAME …
+    git archive COMMIT | tar -x -C EMPTY                  # the earlier version, into a folder that exists
+    cd EMPTY; PYTHONPATH=EMPTY python -m studies.hidden_effects --methods previous --out SAME …
 
-THIS is the folder of this version, SAME the result folder, as absolute paths. The cases are drawn there too; one whose
-hidden effects are not those that are stored is left out. The rival methods can be run in the same way.
+SAME is the result folder, as an absolute path. The cases are drawn there too; one whose hidden effects are not those
+that are stored is left out. The rival methods can be run in the same way.
 
 The last line has the main figures of each method as `key=value`: `ours_top1=… ours_in_set=… … bic_top1=… …`.
 """
