@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from edhas_jax.commands.interruption import STATUS_INTERRUPTED
+
 Job = TypeVar("Job")
-INTERRUPTED = 130  # exit status of a command that was interrupted, as shells have it
 JOBS_PER_WORKER = 10  # jobs after which a worker process is replaced, because compiled programs accumulate
 
 
@@ -34,7 +35,7 @@ def run_all(function: Callable[[Job], str], jobs: Sequence[Job], workers: int, k
             _print_progress(pool.imap_unordered(function, jobs), len(jobs))
     except KeyboardInterrupt:
         print(f"stopped; {kept} has what is finished, the same command continues with the rest", file=sys.stderr)
-        raise SystemExit(INTERRUPTED) from None
+        raise SystemExit(STATUS_INTERRUPTED) from None
 
 
 def _print_progress(done: Iterator[str], count: int) -> None:

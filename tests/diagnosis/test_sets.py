@@ -107,7 +107,7 @@ def test_a_fit_without_misfit_has_no_background(model):
 
 
 def test_far_above_the_noise_only_the_ratio_of_misfits_counts():
-    """Near X₀ each nat; far above it a factor, which counts more where the misfit is above that of the noise too."""
+    """Near X₀ each nat counts. Far above it a factor counts, and more of it where the misfit exceeds the noise."""
 
     def worth(misfit, samples):
         return log_likelihood(misfit, samples, NUMBERS) - log_likelihood(2.0 * misfit, samples, NUMBERS)
@@ -124,7 +124,7 @@ def a_set(weight, *kinds):
 
 
 def test_probabilities_are_sums_over_sets():
-    """Together they leave a tenth for what the search has not fitted."""
+    """All sets together have 0.9: a tenth is kept for sets that the search has not fitted."""
     dead, eddy, cogging = InverterDeadTime, EddyDrag, CoggingForce
     found = SetPosterior((a_set(0.6, dead), a_set(0.3, dead, eddy), a_set(0.07, cogging), a_set(0.03)))
     assert found.probabilities["inverter_dead_time"] == pytest.approx(0.9 * 0.9)
@@ -263,7 +263,7 @@ def test_effects_of_the_component_of_a_free_curve_are_fitted_in_its_place_but_no
 
 
 @pytest.mark.parametrize("excess, tried", [(3000.0, 2), (0.0, 0)])
-def test_above_the_noise_two_additions_are_fitted_though_they_promise_a_little_too_little(excess, tried):
+def test_above_the_noise_two_additions_are_fitted_even_if_predicted_a_little_too_weak(excess, tried):
     """A signature may predict too little of what an effect does beside another one."""
     empty = FittedSet((), None, None, 90_000.0, 60.0, 89_000.0, 1000)
     best = FittedSet((Candidate(EddyDrag),), None, None, 4000.0, 60.0, excess, 1000)

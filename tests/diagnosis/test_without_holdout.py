@@ -11,6 +11,7 @@ from edhas_jax.core import structs
 from edhas_jax.diagnosis.candidates import candidate
 from edhas_jax.diagnosis.planning import next_experiment
 from edhas_jax.diagnosis.search.holdout_split import split_for_holdout
+from edhas_jax.diagnosis.search.posterior import NOT_FITTED
 from edhas_jax.machine.effects import Effect, InverterDeadTime
 from edhas_jax.measurements.campaign import Use
 from studies.campaign_writer import write_campaign
@@ -34,7 +35,7 @@ def test_the_only_run_is_divided_by_time(tmp_path, monkeypatch, capsys):
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert found["verdict"] == "missing_effect" and found["effects"] == ["inverter_dead_time"]
     assert found["holdout_split"].startswith("No run of the campaign is held out. The run was divided by time: ")
-    assert found["holdout_split"] in printed and found["candidates"][0]["probability"] > 0.8
+    assert found["holdout_split"] in printed and found["candidates"][0]["probability"] > 0.9 * (1.0 - NOT_FITTED)
     assert all(c["holdout_error"] > 0.5 for c in found["candidates"] if c["parameters"])
     assert found["error"]["after"]["holdout"]["overall"] == pytest.approx(1.0, abs=0.15)
 

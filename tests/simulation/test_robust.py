@@ -59,7 +59,7 @@ def test_a_volume_that_drains_within_one_step_does_not_overshoot(drop):
 
 @pytest.mark.parametrize(("share", "downstream"), [(0.01, 0.0), (0.95, 0.0), (100.0, 1.0)])
 def test_an_orifice_is_linearised_by_its_tangent_where_a_step_resolves_it(share, downstream):
-    """Within a step the drop changes by a share of itself, or stays as both pressures change by the same amount."""
+    """Within a step the pressure drop changes by a share of itself, or not at all, as both pressures change equally."""
     drop, m = 3e6, PumpBench()
     step = share * abs(drop / slope_and_rate(drop, 1e-9)[1])
     higher, lower = (float(m.orifice.flow(AREA, p, m.oil.oil_density)) for p in (1.001 * drop, 0.999 * drop))

@@ -30,7 +30,7 @@ from edhas_jax.measurements.checks.data_summary import data_sentences
 
 MAX_LISTED_CANDIDATES, MAX_LISTED_SETS = 14, 8
 MIN_SHOWN_PROBABILITY = 5e-4  # smaller ones are shown as 0
-CLEAR_EVIDENCE = 5.0  # nats (150 : 1) from which a curve shows that a law is another one
+LAW_EVIDENCE = 5.0  # nats of log evidence (150 : 1) from which a curve shows that a law is another one
 CURVE_NOTE = "The curve assumes no formula: it is fitted to the runs together with all other unknowns."
 STYLE = """<style>
 .verdict { font-size: 1.25em; line-height: 1.4; border-left: 5px solid #de4a1c; padding: 0.2em 0 0.2em 0.9em }
@@ -191,7 +191,7 @@ def law_sentence(curve: LawCurve) -> str:
     """How the law of the library and the estimated curve agree, as a sentence."""
     share = 100.0 * curve.explained_share
     explained = "nearly all" if share >= 99.95 else f"{share:.1f} %"
-    if curve.log_evidence_gain < CLEAR_EVIDENCE:
+    if curve.log_evidence_gain < LAW_EVIDENCE:
         return f"The law of the library explains {explained} of it, and the runs need no other."
     return (
         f"The law of the library explains {explained} of it at its best size, but the runs are precise enough to show "

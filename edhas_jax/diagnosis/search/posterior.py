@@ -84,9 +84,9 @@ class SetPosterior:
         return next(of for of in self.sets if candidate.name in of.key)
 
     def evidence(self, candidate: Candidate) -> float:
-        """The log weight [nats] of the best set with a candidate, less that of the best one without it.
+        """The log weight [nats] of the best set with a candidate, less that of the best set without it or a free term.
 
-        Not one with a free term, which may be the law of the candidate.
+        A free term may be the law of the candidate.
         """
         others = (of for of in self.sets if not any(isinstance(c, FreeTerm) for c in of.members))
         without = next((of.log_weight for of in others if candidate.name not in of.key), -math.inf)

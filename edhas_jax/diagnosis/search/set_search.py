@@ -56,16 +56,15 @@ from edhas_jax.inference.likelihood.symmetric_matrices import inverse_factor
 from edhas_jax.measurements.time_resolution import TimeResolution
 
 MOST_EFFECTS = 3  # of a set, beside faults of sensors and at most one free term
-TRIED_ANYWAY = 2  # additions to the best set that are fitted above the noise though they promise a little too little
 EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted in a round, fits in a round, rounds
+LEAST_ADDITIONS = 2  # to the best set, fitted in a round above the noise even if predicted to be a little too weak
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
 WORTH_A_FIT = 1.0  # nats of log weight that another start could gain at most, from which it is tried
 LAWS_TRIED = 3  # effects that are fitted in place of a free term at their part of the machine, as it may be their law
-PREDICTION_ERROR = 0.5 * WEIGHT.freedoms  # nats: a signature may predict e times the misfit that a fit leaves
-FAR = WEIGHT.freedoms  # nats: a set that leaves e² times the misfit of the best one is not fitted again
+PREDICTION_ERROR = 0.5 * WEIGHT.freedoms  # nats: near the noise a fit may leave a misfit e times the predicted one
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
 FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of each part of one on growing parts
-CHECKED_STEPS, LEAST_FALL = 3, 0.01  # of these steps a fall by this share of the misfit: 0.04 nats of weight
+CHECKED_STEPS, LEAST_FALL = 3, 0.01  # of these steps a fall by this share of the misfit: 0.1 nats of weight at most
 SIZES = np.concatenate([[0.0], 10.0 ** np.arange(0.0, 4.01, 0.5)])  # of the background that are compared
 MIN_INDEPENDENT = 1e-9  # share of a signature that the columns of a set leave, below which it is rounding errors
 
@@ -298,7 +297,8 @@ class SetSearch:
         for move in ranked:
             # a further effect has to promise something; another first one, or an exchange, only to come near
             least = self.weight.of(best) - (0.0 if move.to is best and best.members else WINDOW)
-            if move.to is best and best.excess > 0.0 and further < TRIED_ANYWAY:
+            # above the noise, some further effects are fitted even if their prediction is too low by its error
+            if move.to is best and best.excess > 0.0 and further < LEAST_ADDITIONS:
                 least -= PREDICTION_ERROR
             if self._predicted(move) > least and move.key not in known:
                 found.setdefault(move.key, move)
@@ -351,7 +351,7 @@ class SetSearch:
         for gone in best.members:
             members = tuple(c for c in best.members if c is not gone)
             known, pair = self.sets.get(key_of(members)), (best.key, gone.name)
-            is_far = known is not None and self.weight.of(known) < self.weight.of(best) - FAR
+            is_far = known is not None and self.weight.of(known) < self.weight.of(best) - WEIGHT.freedoms
             if not is_far and pair not in self._left_out and key_of(members) not in self._failed:
                 self._left_out.add(pair)
                 found.append(members)

@@ -30,8 +30,8 @@ class WeightConstants:
     """The six numbers of the weight.
 
     Args:
-        freedoms: α: the error of a model has about as many independent numbers.
-        beyond_noise: β: with α/2 it is what a factor on the misfit is worth far above the noise.
+        freedoms: α: number of independent numbers in the error of a model, about.
+        beyond_noise: β: what a factor e on the misfit costs above the noise [nats], in addition to α/2.
         expected: named effects that a campaign hides on average, over all candidates together.
         unknown_odds: odds that it hides one that no list has, over all places together.
         law_error: share of what a set explains: 12 % of its amplitude.

@@ -58,14 +58,12 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
     report("fitting the uncertain parameters")
     calibrated = fit_coarse(problem, centre, resolution.coarse, CALIBRATION_STEPS)
     if _leaves_much(calibrated):
-        in_time = settle(calibrated, resolution, report)  # a wrong clock alone may leave that much
-        if not _leaves_much(in_time):
-            calibrated = in_time
-        else:
+        better = settle(calibrated, resolution, report)  # a wrong clock, or too few steps, may leave that much
+        if _leaves_much(better):
             report("fitting growing parts of the runs")
             starts = np.array([centre, calibrated.fit.x])
-            better = fit_progressively(problem, starts, 1, resolution.coarse, NEXT_STEPS, calibrated)
-            calibrated = better or calibrated
+            better = fit_progressively(problem, starts, 1, resolution.coarse, NEXT_STEPS, calibrated) or calibrated
+        calibrated = better
     calibrated, resolution = _with_accurate_step(calibrated, resolution, report)
     if deviations := unpredictable_part(calibrated.fit.problem, calibrated.fit.x, resolution.coarse):
         finer = _regular_steps(calibrated, resolution.coarse, report)
@@ -85,6 +83,7 @@ def calibrate(campaign: Campaign, on_progress: Report | None = None) -> tuple[Ev
 
 
 def _leaves_much(fit: EvaluatedFit) -> bool:
+    """Whether a fit leaves so much that it may have ended in a wrong minimum."""
     return fit.excess > PROGRESSIVE_EXCESS * 0.5 * fit.samples
 
 

@@ -66,7 +66,7 @@ _OF_FAMILY = {
     Family.SETTINGS: Difficulty.SETTINGS, Family.SMALL_CAMPAIGNS: Difficulty.SMALL,
 }  # fmt: skip
 _IN_TURN = (Difficulty.DISTURBANCES, Difficulty.CHAIN, Difficulty.SETTINGS)  # of cases with several effects
-# how often a case with any of them has each, in the order of `Difficulty`
+# share of the cases of `WITH_ANY_DIFFICULTY` that have each difficulty, in the order of `Difficulty`
 _SHARES = {Family.NULLS: (0.75, 0.85, 0.75, 0.15), Family.UNKNOWNS: (0.2, 0.35, 0.35, 0.05)}
 _USUAL_SHARES = (0.3, 0.35, 0.35, 0.05)
 
