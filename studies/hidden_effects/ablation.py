@@ -26,6 +26,7 @@ import numpy as np
 
 from edhas_jax.diagnosis.search import diagnose, set_search
 from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import SignatureTable
 from studies.hidden_effects.answers import Answer
 from studies.hidden_effects.generators.drawing import draw
 from studies.hidden_effects.generators.hidden_case import CaseKey, Family, Split, keys_of
@@ -43,6 +44,7 @@ class Part(enum.Enum):
     EFFECTS_FOR_CURVES = "effects tried in place of a free curve at their component"
     FREE_TERMS = "free terms, so that no answer is `unknown`"
     BACKGROUND = "the background beneath the predictions"
+    SIGNATURES_BESIDE = "signatures simulated again beside the best set"
     EXCHANGES = "additions to other sets than the best one (exchanges)"
     SMALLER_SETS = "the best set without each of its members, fitted from there"
     OTHER_STARTS = "further starts of a fit"
@@ -84,6 +86,8 @@ def _left_out(part: Part) -> tuple[object, dict[str, object]]:
             return SetSearch, {"__init__": without_terms}
         case Part.BACKGROUND:
             return set_search, {"SIZES": np.zeros(1)}
+        case Part.SIGNATURES_BESIDE:
+            return SignatureTable, {"at": lambda self, fit, without: self}
         case Part.EXCHANGES:
             return SetSearch, {"_expanded": lambda self, best: [best]}
         case Part.SMALLER_SETS:

@@ -134,6 +134,32 @@ def test_probabilities_are_sums_over_sets():
     assert found.credible == ("inverter_dead_time", "cogging_force")
 
 
+def test_an_effect_that_explains_nothing_is_no_other_answer():
+    """Its set has the weight of the prior alone; with one that explains something it counts."""
+    dead, eddy, cogging = InverterDeadTime, EddyDrag, CoggingForce
+    idle = dataclasses.replace(a_set(0.2, eddy), gain=0.3)
+    found = SetPosterior((a_set(0.6), idle, dataclasses.replace(a_set(0.2, dead), gain=2.0), a_set(0.1, eddy, cogging)))
+    assert found.weights == pytest.approx((0.6, 0.0, 0.2, 0.1))
+    assert found.near == (found.sets[0], *found.sets[2:])
+    assert found.probabilities["eddy_drag"] == pytest.approx(0.1)
+
+
+def test_the_gain_of_a_set_is_that_of_its_least_member():
+    def a_fit(misfit, *kinds):
+        return FittedSet(tuple(map(Candidate, kinds)), None, None, misfit, 0.0, 0.0, 1000)
+
+    search = SetSearch.__new__(SetSearch)
+    search.weight = Weighing(10, 1, 1000, NUMBERS)
+    both = a_fit(600.0, EddyDrag, CoggingForce)
+    sets = [a_fit(5000.0), a_fit(900.0, EddyDrag), a_fit(4000.0, CoggingForce), both]
+    search.sets = {of.key: of for of in sets}
+    for of in sets:
+        search.weight.note(of)
+    assert search._gain(sets[0]) == np.inf
+    expected = search.weight.log_likelihood(600.0) - search.weight.log_likelihood(900.0)
+    assert search._gain(both) == pytest.approx(expected) and expected > 0.0
+
+
 def test_what_takes_the_place_of_a_member_is_near_and_as_small():
     """The rest of the set stays; a set of other size, or with far smaller probability, offers nothing."""
     dead, eddy, cogging, sag = InverterDeadTime, EddyDrag, CoggingForce, SupplySag

@@ -50,3 +50,20 @@ def test_a_saturation_is_found_from_its_signatures(calibrated):
     found = search.fit_of(move).evaluated
     assert found.fit.values["magnetic_saturation.saturation_current"] == pytest.approx(SATURATION, rel=0.01)
     assert found.excess < 1e-3 * model.excess
+
+
+def test_beside_a_fitted_effect_the_other_signatures_are_those_at_its_fit(calibrated):
+    """What a dead time changes depends on the force of the motor, so on its saturation."""
+    model, resolution = calibrated
+    candidates = [Candidate(MagneticSaturation), Candidate(InverterDeadTime)]
+    table = signature_table(model.fit, candidates, print, with_free_terms=False)
+    search = SetSearch(model, table, resolution, print)
+    (move,) = (move for move in search.additions() if move.added == candidates[0])
+    found = search.fit_of(move)
+    beside = table.at(found.evaluated.fit, found.key)
+    assert [of.candidate for of in beside.candidates] == candidates[1:]
+    there = signature_table(found.evaluated.fit, candidates[1:], print, with_free_terms=False)
+    np.testing.assert_array_equal(beside.rows[0], there.rows[0])
+    np.testing.assert_array_equal(beside.candidates[0].rows, beside.rows[0])
+    before = table.candidates[1].rows
+    assert np.linalg.norm(beside.rows[0] - before) > 0.01 * np.linalg.norm(before)

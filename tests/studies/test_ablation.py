@@ -4,6 +4,7 @@ import pytest
 
 from edhas_jax.diagnosis.search import set_search
 from edhas_jax.diagnosis.search.set_search import SetSearch
+from edhas_jax.diagnosis.search.signatures import SignatureTable
 from studies.hidden_effects.ablation import Part, file_name, table, without
 from studies.hidden_effects.answers import Answer, HiddenEffect, Law, Truth, Verdict
 from studies.hidden_effects.store import Record
@@ -11,10 +12,13 @@ from studies.hidden_effects.store import Record
 
 @pytest.mark.parametrize("part", list(Part))
 def test_a_part_is_left_out_as_long_as_the_context_lasts(part):
-    before = dict(vars(SetSearch)), dict(vars(set_search))
+    def state():
+        return [dict(vars(of)) for of in (SetSearch, SignatureTable, set_search)]
+
+    before = state()
     with without(part):
-        during = dict(vars(SetSearch)), dict(vars(set_search))
-    assert (dict(vars(SetSearch)), dict(vars(set_search))) == before
+        during = state()
+    assert state() == before
     assert sum(kept[n] is not now[n] for kept, now in zip(before, during, strict=True) for n in now) >= 1
 
 

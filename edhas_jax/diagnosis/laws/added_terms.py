@@ -39,7 +39,7 @@ def added_slopes(fit: Fit, terms: Sequence[AddedTerm]) -> list[Columns]:
     machine = structs.replace(fit.machine, effects=(*fit.machine.effects, *(term.effect for term in terms)))
     unknowns = tuple(u for term in terms for u in term.unknowns)
     model = MeasurementModel(fit.problem.campaign, machine, unknowns, fit.runs, fit.instruments)
-    found = model.predict_all_runs(np.zeros(len(unknowns)), fit.resolution.coarse, with_sensitivities=True)
+    found = model.predict_all_runs(np.zeros(len(unknowns)), fit.steps_of_changes, with_sensitivities=True)
     slopes, out, first = [found[r].sensitivities for r in range(len(model.runs))], [], 0
     for term in terms:
         own = slice(first, first + len(term.unknowns))

@@ -11,6 +11,7 @@ from edhas_jax.inference.fit.evaluated_fit import MUCH_LEFT
 NOTHING, UNKNOWN = "nothing", "unknown"
 COVERAGE = 0.95  # probability that a member of the set of names is right, if a right set was fitted
 NOT_FITTED = 0.1  # probability that the search has fitted no right set: so in 6 of 53 development campaigns
+LEAST_GAIN = 1.0  # nats of log likelihood; an effect that adds less explains nothing, and is no other answer
 CONFOUNDED_ODDS = 20.0  # ratio of probabilities below which two sets are not told apart
 
 
@@ -31,9 +32,10 @@ class SetPosterior:
 
     @functools.cached_property
     def weights(self) -> tuple[float, ...]:
-        """The probability of each set; together 1 − `NOT_FITTED`."""
+        """The probability of each set, 0 where a member adds less than `LEAST_GAIN`; together 1 − `NOT_FITTED`."""
         largest = self.sets[0].log_weight
-        weights = [math.exp(of.log_weight - largest) for of in self.sets]
+        counts = [of is self.best or of.gain >= LEAST_GAIN for of in self.sets]
+        weights = [counted * math.exp(of.log_weight - largest) for counted, of in zip(counts, self.sets, strict=True)]
         return tuple((1.0 - NOT_FITTED) * weight / sum(weights) for weight in weights)
 
     @functools.cached_property
@@ -69,8 +71,8 @@ class SetPosterior:
     @property
     def near(self) -> tuple[FittedSet, ...]:
         """The sets that the measurements do not tell from the best one, this one first."""
-        least = self.best.log_weight - math.log(CONFOUNDED_ODDS)
-        return tuple(of for of in self.sets if of is self.best or of.log_weight > least)
+        least = self.weights[0] / CONFOUNDED_ODDS
+        return tuple(of for of, weight in zip(self.sets, self.weights, strict=True) if weight > least)
 
     def alternatives(self, candidate: Candidate) -> tuple[Candidate, ...]:
         """The candidates that can take the place of a member of the best set, the most probable first."""

@@ -66,7 +66,7 @@ KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended 
 FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of each part of one on growing parts
 CHECKED_STEPS, LEAST_FALL = 3, 0.01  # of these steps a fall by this share of the misfit: 0.1 nats of weight at most
 SIZES = np.concatenate([[0.0], 10.0 ** np.arange(0.0, 4.01, 0.5)])  # of the background that are compared
-MIN_INDEPENDENT = 1e-9  # share of a signature that the columns of a set leave, below which it is rounding errors
+MIN_INDEPENDENT = 1e-6  # share of a signature that the columns of a set leave, below which it is rounding errors
 
 
 def key_of(members: Sequence[Candidate]) -> frozenset[str]:
@@ -124,6 +124,7 @@ class FittedSet:
         excess: the same.
         samples: number of samples of the fit.
         log_weight: logarithm of its weight [nats]; NaN before the search has ended.
+        gain: rise of the log likelihood [nats] by that of its members that adds least, from the set without it.
         untried: further starts of its fit.
         moves: predicted additions; None before they are predicted.
     """
@@ -136,6 +137,7 @@ class FittedSet:
     excess: float
     samples: int
     log_weight: float = math.nan
+    gain: float = math.inf
     untried: list[Start] = dataclasses.field(default_factory=list)
     moves: list[Move] | None = None
 
@@ -190,15 +192,18 @@ class Scaled(NamedTuple):
         """The fall of the misfit without a floor [nats], from that with the floor."""
         return min(self.factor * float(of), self.most)
 
-    def fall_of_term(self, inner: np.ndarray, overlap: np.ndarray, wider: float) -> tuple[float, np.ndarray, float]:
+    def fall_of_term(
+        self, inner: np.ndarray, overlap: np.ndarray, error: float, wider: float
+    ) -> tuple[float, np.ndarray, float]:
         """The fall of the misfit by a free term less what its numbers cost [nats], its coordinates, and `wider`.
 
         Args:
             inner: products of its rows, see `FlooredModel.reduced`.
             overlap: the same with the residual.
+            error: their rounding errors.
             wider: factor on the standard deviations of its priors.
         """
-        factor, log_information = inverse_factor(wider**2 * inner + np.eye(len(inner)))
+        factor, log_information = inverse_factor(wider**2 * inner + (1.0 + wider**2 * error) * np.eye(len(inner)))
         half = factor.T @ (wider * overlap)
         return self.fall(0.5 * half @ half) - 0.5 * log_information, factor @ half, wider
 
@@ -223,6 +228,7 @@ class SetSearch:
         self._checkpoint, self._prefix, self._workers = checkpoint or Checkpoint(), prefix, workers
         self._times: collections.Counter[frozenset[str]] = collections.Counter()  # how often each set was fitted
         self._base, self._table, self._resolution, self._report = calibrated, table, resolution, report
+        self._tables = {frozenset(): table}  # at the calibrated model, and at best sets that leave more than noise
         self.weight = Weighing(len(table.candidates), len(table.free), len(table.background))
         self.sets: dict[frozenset[str], FittedSet] = {}
         self._failed: set[frozenset[str]] = set()
@@ -245,6 +251,7 @@ class SetSearch:
         without_success = 0
         for _ in range(MAX_ROUNDS):
             best = self.ranked()[0]
+            self._simulate_beside(best)
             moves, dropped = self._moves(best), self._smaller(best)
             if not moves and not dropped:
                 break
@@ -262,8 +269,14 @@ class SetSearch:
             if without_success > more_rounds:
                 break  # nothing better in a round; above the noise in two, or in three where nothing is found yet
         for of in self.sets.values():
-            of.log_weight = self.weight.of(of)
+            of.log_weight, of.gain = self.weight.of(of), self._gain(of)
         return self.ranked()
+
+    def _gain(self, of: FittedSet) -> float:
+        """The smallest rise of the log likelihood by a member of a set [nats], over the fitted sets without it."""
+        without = [self.sets[key] for key in (of.key - {c.name} for c in of.members) if key in self.sets]
+        likelihood = self.weight.log_likelihood
+        return min((likelihood(of.misfit) - likelihood(less.misfit) for less in without), default=math.inf)
 
     def additions(self) -> list[Move]:
         """The additions of one cause to the model that has none; without them where that is not finite."""
@@ -285,6 +298,14 @@ class SetSearch:
         elif found is not None and (known is None or found.misfit < known.misfit):
             self.sets[key] = found
             self.weight.note(found)
+
+    def _simulate_beside(self, best: FittedSet) -> None:
+        """Simulate the signatures beside the best set where that leaves more than noise."""
+        if best.excess > 0.0 and best.key not in self._tables:
+            self._report(f"signatures beside {best}")
+            self._tables[best.key] = self._table.at(best.evaluated.fit, best.key)
+            for of in self.sets.values():  # those that hold it are predicted anew
+                of.moves = None if of.key >= best.key else of.moves
 
     def _moves(self, best: FittedSet) -> list[Move]:
         """The additions that are fitted next; one free term at most, beside a curve next to a law."""
@@ -489,9 +510,9 @@ class SetSearch:
         slim = dataclasses.replace(best, evaluated=None, model=None, moves=None, untried=[])
         small.sets, small._table = (
             {best.key: slim},
-            dataclasses.replace(self._table, candidates=(), free=(), rows=self._table.rows[:0]),
+            dataclasses.replace(self._table, candidates=(), free=(), rows=()),
         )
-        small._checkpoint, small._workers, small._report = Checkpoint(), None, None
+        small._tables, small._checkpoint, small._workers, small._report = {}, Checkpoint(), None, None
         return small
 
     def _job(self, move: Move) -> Job:
@@ -610,9 +631,10 @@ class SetSearch:
             floored, most = of.model.at(floor), plain.excess + plain.squares
             factor = floor.noise**2 * most / (floored.excess + floored.squares)
             scaled.append(Scaled(floored, factor, most))
-        causes = *self._table.candidates, *self._table.free
-        products = np.split(of.model.products(self._table.rows), np.cumsum([len(cause.rows) for cause in causes])[:-1])
-        moves = []
+        table = self._tables[max((key for key in self._tables if key <= of.key), key=len)]
+        causes, moves = (*table.candidates, *table.free), []
+        products = np.concatenate([of.model.products(rows) for rows in table.rows])
+        products = np.split(products, np.cumsum([len(cause.rows) for cause in causes])[:-1])
         for cause, own in zip(causes, products, strict=True):
             predict = self._named_move if isinstance(cause, Signatures) else self._free_move
             moves.append(predict(of, cause, own, scaled))
@@ -639,10 +661,11 @@ class SetSearch:
         best = None
         for by in scaled:
             inner, overlap = by.model.reduced(products, slopes.gram)
-            gain, x, wider = by.fall_of_term(inner, overlap, 1.0)
+            error = MIN_INDEPENDENT * float(slopes.gram.diagonal().max()) / by.model.floor.noise**2
+            gain, x, wider = by.fall_of_term(inner, overlap, error, 1.0)
             size = float(np.abs(x).max())
             if size > USUAL_COORDINATE:  # as wide as the data demand
-                gain, x, wider = by.fall_of_term(inner, overlap, size / USUAL_COORDINATE)
+                gain, x, wider = by.fall_of_term(inner, overlap, error, size / USUAL_COORDINATE)
             if best is None or gain > best[0]:
                 best = gain, x, wider
         gain, x, wider = best

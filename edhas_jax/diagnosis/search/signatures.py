@@ -1,4 +1,4 @@
-"""Signatures: what every cause would change in the measurements, simulated once at one fit, and whitened.
+"""Signatures: what every cause would change in the measurements, simulated at a fit, and whitened.
 
 The signature of an effect or sensor fault is the change of the signals when it is added at a finite size, because local
 derivatives mislead where effects are nonlinear; that of a free term is the change by each of its numbers. See
@@ -10,7 +10,8 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from typing import TypeVar
 
 import numpy as np
 
@@ -67,23 +68,32 @@ class FreeSlopes:
     gram: np.ndarray
 
 
+Cause = TypeVar("Cause", Signatures, FreeSlopes)
+
+
 @dataclasses.dataclass(frozen=True)
 class SignatureTable:
-    """The signatures of all causes at one fit.
+    """The signatures of all causes.
 
     Args:
-        candidates: effects and sensor faults with their signatures, rows (k, m) of one matrix each.
+        candidates: effects and sensor faults with their signatures.
         free: the free terms: curves, memories and resonances.
         background: directions (m, g) of the background, whitened.
         ends: where the signals end among the m samples.
-        rows: the rows of all candidates, then those of all free terms, of which theirs are views.
+        rows: the rows of all candidates, of which theirs are views, and those of all free terms.
     """
 
     candidates: tuple[Signatures, ...]
     free: tuple[FreeSlopes, ...]
     background: np.ndarray
     ends: np.ndarray
-    rows: np.ndarray
+    rows: tuple[np.ndarray, np.ndarray]
+
+    def at(self, fit: Fit, without: Set[str]) -> "SignatureTable":
+        """The table with the signatures of the candidates at another fit, but for those of some names."""
+        others = [of.candidate for of in self.candidates if of.candidate.name not in without]
+        named, rows = _named(SignatureSimulator(fit), others)
+        return dataclasses.replace(self, candidates=named, rows=(rows, self.rows[1]))
 
 
 class SignatureSimulator:
@@ -96,8 +106,8 @@ class SignatureSimulator:
     def __init__(self, fit: Fit):
         self._fit, self._model, self._campaign = fit, fit.problem.model(), fit.problem.campaign
         self._valid = [np.isfinite(self._whitened_run(r, run.signals)) for r, run in enumerate(self._model.runs)]
-        # signatures are differences, so both sides are simulated with the same coarse step
-        found = self._model.predict_all_runs(fit.x, fit.resolution.coarse)
+        # signatures are differences, so both sides are simulated with the same step
+        found = self._model.predict_all_runs(fit.x, fit.steps_of_changes)
         self._baseline = [found[r].values for r in range(len(self._model.runs))]
 
     @property
@@ -115,7 +125,7 @@ class SignatureSimulator:
 
     def signatures(self, candidate: Candidate) -> Signatures:
         """The whitened signatures of a candidate at its grid points."""
-        unknowns, steps, found = candidate.unknowns(self._campaign), self._fit.resolution.coarse, []
+        unknowns, steps, found = candidate.unknowns(self._campaign), self._fit.steps_of_changes, []
         points = signature_grid(unknowns)
         with np.errstate(over="ignore", invalid="ignore"):  # points at which the model diverges are left out
             every = signals_with(candidate, points, self._fit.problem, self._fit.values, steps, self._baseline)
@@ -180,7 +190,7 @@ def signature_table(
     """
     simulator = SignatureSimulator(fit)
     report("signatures of all effects and sensor faults")
-    named = tuple(found for candidate in candidates if len((found := simulator.signatures(candidate)).rows))
+    named, rows_of_named = _named(simulator, candidates)
     found = []
     every_free = (*curves_with_slopes(fit, report), *memories_with_slopes(fit, report)) if with_free_terms else ()
     for term, slopes in every_free:
@@ -188,11 +198,23 @@ def signature_table(
         if (np.abs(rows) < LARGEST_CHANGE).all() and np.abs(rows).max() > 0.0:
             found.append(FreeSlopes(term, rows.astype(np.float32), rows @ rows.T))
     samples = int(simulator.ends[-1])
-    every = np.concatenate([np.zeros((0, samples), np.float32), *(of.rows for of in (*named, *found))])
-    views = iter(np.split(every, np.cumsum([len(of.rows) for of in (*named, *found)])))
-    named = tuple(dataclasses.replace(of, rows=next(views)) for of in named)
-    found = tuple(dataclasses.replace(of, rows=next(views)) for of in found)
-    return SignatureTable(named, found, _background(found, samples), simulator.ends, every)
+    found, rows_of_free = _in_one_array(found, samples)
+    return SignatureTable(named, found, _background(found, samples), simulator.ends, (rows_of_named, rows_of_free))
+
+
+def _named(
+    simulator: SignatureSimulator, candidates: Sequence[Candidate]
+) -> tuple[tuple[Signatures, ...], np.ndarray]:
+    """The signatures of those candidates that change something, and all their rows."""
+    every = (simulator.signatures(candidate) for candidate in candidates)
+    return _in_one_array([found for found in every if len(found.rows)], int(simulator.ends[-1]))
+
+
+def _in_one_array(causes: Sequence[Cause], samples: int) -> tuple[tuple[Cause, ...], np.ndarray]:
+    """The causes with their rows as views of one array of all rows, and that."""
+    every = np.concatenate([np.zeros((0, samples), np.float32), *(of.rows for of in causes)])
+    views = np.split(every, np.cumsum([len(of.rows) for of in causes]))
+    return tuple(dataclasses.replace(of, rows=rows) for of, rows in zip(causes, views, strict=False)), every
 
 
 def _background(free: Sequence[FreeSlopes], samples: int) -> np.ndarray:

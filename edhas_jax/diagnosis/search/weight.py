@@ -98,8 +98,11 @@ class Weighing:
 
     def at(self, misfit: float, named: int, free: int) -> float:
         """The same from the misfit [nats] of a set and its numbers of named members and of free terms."""
-        log_prior = named * self._log_named + free * self._log_free
-        return log_likelihood(misfit - self._least, self.samples, self.constants) + log_prior
+        return self.log_likelihood(misfit) + named * self._log_named + free * self._log_free
+
+    def log_likelihood(self, misfit: float) -> float:
+        """The logarithm of the weight of a misfit [nats] without the prior."""
+        return log_likelihood(misfit - self._least, self.samples, self.constants)
 
 
 def counts(members: Sequence[Candidate]) -> tuple[int, int]:

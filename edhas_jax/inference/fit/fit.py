@@ -85,6 +85,14 @@ class Fit:
     stopped: bool = False
 
     @property
+    def steps_of_changes(self) -> int:
+        """Time steps per sample for small changes of the signals: half of the rough ones, as far as the machine allows.
+
+        Relative to themselves, changes have about the error of the signals, so that one four times as large is enough.
+        """
+        return max(self.resolution.coarse // 2, self.problem.model().min_steps_per_sample())
+
+    @property
     def std(self) -> np.ndarray:
         """Standard errors in coordinates, shape (n,): 1 for an unknown that the measurements do not inform."""
         return np.sqrt(np.diag(self.covariance))
