@@ -15,6 +15,7 @@ from edhas_jax.diagnosis.laws.curve_figure import law_chart
 from edhas_jax.diagnosis.laws.curve_fit import estimate_law_curve
 from edhas_jax.diagnosis.report.report import law_sentence
 from edhas_jax.diagnosis.search.chosen_effects import ChosenModel, calibrated_model, save_model, with_effect
+from edhas_jax.diagnosis.search.member_laws import member_law
 from edhas_jax.machine.effects.loading import load_effect
 from edhas_jax.machine.parameters import list_parameters, short_names
 from edhas_jax.measurements.campaign import Campaign
@@ -213,7 +214,8 @@ class CampaignCalculations:
         if found is None:
             law = f"the law of {model.effects[-1].id}"
             raise WorkspaceError(f"{law} is no function of a signal of these runs, or its size is 0")
-        sentence = None if found.curve.law_values is None else law_sentence(found.curve)
+        law = member_law(model.evaluated, model.effects[-1])
+        sentence = None if found.curve.law_values is None else law_sentence(found.curve, law)
         return {"effect": model.effects[-1].id, "sentence": sentence, "chart": law_chart(found.curve)}
 
     def checked(self) -> Campaign:

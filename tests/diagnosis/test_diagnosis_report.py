@@ -23,6 +23,7 @@ from edhas_jax.diagnosis.report.residual_stages import draw_waterfall, residual_
 from edhas_jax.diagnosis.report.result_file import as_json
 from edhas_jax.diagnosis.report.sensor_fault import draw_sensor_fault, estimate_sensor_error
 from edhas_jax.diagnosis.search.diagnose import diagnose
+from edhas_jax.diagnosis.search.member_laws import LAW_GAIN
 from edhas_jax.diagnosis.search.posterior import SetPosterior
 from edhas_jax.diagnosis.search.result import Verdict
 from edhas_jax.inference.fit.evaluated_fit import fit_coarse
@@ -116,8 +117,10 @@ def test_the_missing_term_is_found_without_its_law(diagnosis, report):
     truth = -LOST * np.tanh(curve.nodes / 0.05)
     assert len(curve.nodes) > 6 and (np.abs(curve.total - truth) < 4.0 * curve.std + 0.02 * LOST).all()
     assert np.median(curve.std) < 0.1 * LOST and curve.explained_share > 0.99
-    assert "Missing term: coil voltage change over current" in report and law_sentence(curve) in report
-    assert law_sentence(curve).endswith("need no other.")
+    (law,) = diagnosis.laws
+    assert "Missing term: coil voltage change over current" in report and law_sentence(curve, law) in report
+    assert law_sentence(curve, law).endswith("need no other.")
+    assert "that the law is another one (evidence: " in law_sentence(curve, law._replace(gain=LAW_GAIN + 1.0))
 
 
 def test_the_waterfall_ends_at_the_noise(diagnosis):

@@ -23,6 +23,7 @@ from edhas_jax.diagnosis.report.parameter_figure import draw_parameter_shifts
 from edhas_jax.diagnosis.report.residual_stages import draw_waterfall
 from edhas_jax.diagnosis.report.sensor_fault import draw_sensor_fault, estimate_sensor_error
 from edhas_jax.diagnosis.report.trace_viewer import render_trace_viewer
+from edhas_jax.diagnosis.search.member_laws import MemberLaw
 from edhas_jax.diagnosis.search.result import Diagnosis, Verdict
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.measurements.campaign import Use, runs_text
@@ -30,7 +31,6 @@ from edhas_jax.measurements.checks.data_summary import data_sentences
 
 MAX_LISTED_CANDIDATES, MAX_LISTED_SETS = 14, 8
 MIN_SHOWN_PROBABILITY = 5e-4  # smaller ones are shown as 0
-LAW_EVIDENCE = 5.0  # nats of log evidence (150 : 1) from which a curve shows that a law is another one
 CURVE_NOTE = "The curve assumes no formula: it is fitted to the runs together with all other unknowns."
 STYLE = """<style>
 .verdict { font-size: 1.25em; line-height: 1.4; border-left: 5px solid #de4a1c; padding: 0.2em 0 0.2em 0.9em }
@@ -155,6 +155,7 @@ def _parameter_section(diagnosis: Diagnosis) -> list[str]:
 def _term_sections(diagnosis: Diagnosis) -> list[str]:
     """For each member of the best set, the missing term over its variable or the error of its sensor."""
     out, fitted = [], diagnosis.final
+    laws = {law.candidate: law for law in diagnosis.laws}
     for candidate in diagnosis.posterior.best.members:
         if candidate.signal is not None:
             figure = draw_sensor_fault(estimate_sensor_error(fitted, candidate))
@@ -164,7 +165,7 @@ def _term_sections(diagnosis: Diagnosis) -> list[str]:
             ]
         elif (curve := law_curve(diagnosis, candidate)) is not None:
             title = f"{curve.place.slot.replace('_', ' ')} over {curve.place.variable.replace('_', ' ')}"
-            sentence = "" if curve.law_values is None else f" {law_sentence(curve)}"
+            sentence = "" if curve.law_values is None else f" {law_sentence(curve, laws[candidate])}"
             out += [
                 html_page.heading(f"Missing term: {title}"),
                 html_page.paragraph(f"{CURVE_NOTE}{sentence}"),
@@ -187,15 +188,20 @@ def law_curve(diagnosis: Diagnosis, candidate: Candidate) -> LawCurve | None:
     return None if found is None else found.curve
 
 
-def law_sentence(curve: LawCurve) -> str:
-    """How the law of the library and the estimated curve agree, as a sentence."""
+def law_sentence(curve: LawCurve, law: MemberLaw) -> str:
+    """How the law of the library and the estimated curve agree, as a sentence.
+
+    Args:
+        curve: the curve.
+        law: what the measurements say of the law.
+    """
     share = 100.0 * curve.explained_share
     explained = "nearly all" if share >= 99.95 else f"{share:.1f} %"
-    if curve.log_evidence_gain < LAW_EVIDENCE:
+    if not law.differs:
         return f"The law of the library explains {explained} of it, and the runs need no other."
     return (
         f"The law of the library explains {explained} of it at its best size, but the runs are precise enough to show "
-        f"that the law is another one (evidence: {evidence_text(curve.log_evidence_gain)})."
+        f"that the law is another one (evidence: {evidence_text(law.gain)})."
     )
 
 

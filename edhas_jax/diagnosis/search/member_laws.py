@@ -29,7 +29,7 @@ class MemberLaw(NamedTuple):
     Args:
         candidate: the member.
         gain: log weight [nats] that another law gains.
-        curve: the deviation that was added to the model; None where the law is as in the library, or has a memory.
+        curve: its deviation, in the model of a diagnosis; None where the law is as in the library, or has a memory.
     """
 
     candidate: Candidate
@@ -56,37 +56,45 @@ def with_member_laws(
     found = []
     for candidate in members:
         if candidate.signal is None and not isinstance(candidate, FreeTerm):
-            law, evaluated = _law_of(candidate, evaluated, resolution, report)
+            law, evaluated = _with_law(member_law(evaluated, candidate), evaluated, resolution, report)
             found.append(law)
     return tuple(found), evaluated
 
 
-def _law_of(
-    candidate: Candidate, evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
-) -> tuple[MemberLaw, EvaluatedFit]:
-    """The law of one member, and the model with its curve where that was added."""
+def member_law(evaluated: EvaluatedFit, candidate: Candidate) -> MemberLaw:
+    """What the measurements say of the law of a member of a fitted set, with the curve that gains most, not yet fitted.
+
+    Args:
+        evaluated: the fit.
+        candidate: the member, an effect.
+    """
     library = _weighable(evaluated)
     if (columns := memory_columns(evaluated.fit, candidate)) is not None:
-        return MemberLaw(candidate, _gain(evaluated.samples, library, _weighable(evaluated, columns))), evaluated
+        return MemberLaw(candidate, _gain(evaluated.samples, library, _weighable(evaluated, columns)))
     curve = law_deviation(evaluated.fit, candidate)
     columns = None if curve is None else curve_columns(evaluated.fit, curve)
     if columns is None:
-        return MemberLaw(candidate, 0.0), evaluated
+        return MemberLaw(candidate, 0.0)
     others = {factor: _weighable(evaluated, _scaled(columns, factor)) for factor in SPREADS}
     gains = {factor: _gain(evaluated.samples, library, other) for factor, other in others.items()}
     factor = max(gains, key=gains.__getitem__)
-    as_in_library = MemberLaw(candidate, gains[factor])
-    if not as_in_library.differs:
-        return as_in_library, evaluated
-    report(f"{candidate.name}: fitting its law as a curve")
-    curve = dataclasses.replace(curve, spread=factor * curve.spread)
-    problem = with_candidates(evaluated.fit.problem, [curve])
-    start = np.concatenate([evaluated.fit.x, np.zeros(len(curve.coefficient_names))])
+    return MemberLaw(candidate, gains[factor], dataclasses.replace(curve, spread=factor * curve.spread))
+
+
+def _with_law(
+    law: MemberLaw, evaluated: EvaluatedFit, resolution: TimeResolution, report: Callable[[str], None]
+) -> tuple[MemberLaw, EvaluatedFit]:
+    """The law of one member, and the model with its curve where that was added."""
+    if law.curve is None or not law.differs:
+        return law._replace(curve=None), evaluated
+    report(f"{law.candidate.name}: fitting its law as a curve")
+    problem = with_candidates(evaluated.fit.problem, [law.curve])
+    start = np.concatenate([evaluated.fit.x, np.zeros(len(law.curve.coefficient_names))])
     try:
         fitted = fit_coarse(problem, start, resolution.coarse, CURVE_STEPS)
     except FitError:
-        return MemberLaw(candidate, 0.0), evaluated
-    law = MemberLaw(candidate, _gain(evaluated.samples, library, _weighable(fitted)), curve)
+        return MemberLaw(law.candidate, 0.0), evaluated
+    law = law._replace(gain=_gain(evaluated.samples, _weighable(evaluated), _weighable(fitted)))
     return (law, fitted) if law.differs else (law._replace(curve=None), evaluated)
 
 
