@@ -372,7 +372,7 @@ class SetSearch:
         for gone in best.members:
             members = tuple(c for c in best.members if c is not gone)
             known, pair = self.sets.get(key_of(members)), (best.key, gone.name)
-            is_far = known is not None and self.weight.of(known) < self.weight.of(best) - WEIGHT.freedoms
+            is_far = known is not None and self.weight.of(known) < self.weight.of(best) - PREDICTION_ERROR
             if not is_far and pair not in self._left_out and key_of(members) not in self._failed:
                 self._left_out.add(pair)
                 found.append(members)

@@ -39,7 +39,7 @@ class WeightConstants:
             more ways.
     """
 
-    freedoms: float = 8.0
+    freedoms: float = 12.0
     beyond_noise: float = 6.0
     expected: float = 1.0
     unknown_odds: float = 0.3
