@@ -167,11 +167,13 @@ def test_the_benches_of_the_splits_share_no_run():
     assert tuning and varied and judging and not (tuning | varied) & judging
 
 
-def test_every_mechanism_has_three_other_laws_of_which_two_judge():
+def test_a_mechanism_with_other_laws_has_three_of_which_two_judge():
     tuning, judging = (
         Counter(law.mechanism for law in CONTENT[split].laws) for split in (Split.TUNING, Split.JUDGING)
     )
-    for mechanism in LIBRARY:
+    mechanisms = tuning.keys() | judging.keys()
+    assert mechanisms <= set(LIBRARY) and len(mechanisms) >= 30
+    for mechanism in mechanisms:
         assert tuning[mechanism] >= 1 and judging[mechanism] >= 2, mechanism.id
     library = {kind.id for kind in LIBRARY}
     for split in Split:

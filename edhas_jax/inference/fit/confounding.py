@@ -134,7 +134,7 @@ def assumed_parameters(fit: Fit, on_progress: Callable[[str], None] | None = Non
     """
     campaign, machine, unknowns = fit.problem.campaign, fit.machine, fit.problem.unknowns
     runs = fit.runs
-    steps = fit.resolution.coarse
+    steps = fit.steps_of_changes
     skipped = {u.name for u in unknowns} | {name for run in runs for name in run.conditions}
 
     problem = fit.problem
