@@ -5,8 +5,8 @@ A set holds effects and sensor faults, and at most one free term for what no lis
 
 The search begins with the empty set. Each round predicts every addition to the best sets, and to the best one without
 one of its members (an exchange), from signatures, which are simulated again beside each best set; refits the most
-promising ones; and drops members of the best set in turn. It ends where nothing is promising, or a round finds no better set: above the noise two rounds, or three where
-nothing has been found yet.
+promising ones; and drops members of the best set in turn. It ends where nothing is promising, or a round finds no
+better set: above the noise two rounds, or three where nothing has been found yet.
 
 A fit begins at the parameters of the set from which it comes. Where that leaves much, and the fit gains less than it
 promised, growing parts of the runs are fitted, because the cost of whole runs then has many minima.
