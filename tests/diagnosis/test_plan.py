@@ -213,7 +213,7 @@ def test_the_next_experiment_discriminates_two_rivals():
 def test_where_nothing_is_missing_no_run_is_recommended_unless_a_set_is_nearly_as_probable():
     diagnosis = diagnose(measured(empty_campaign(), bench()), library=(InverterDeadTime,))
     best, other, *_ = diagnosis.posterior.sets
-    far, near = (dataclasses.replace(other, log_weight=best.log_weight - gap) for gap in (10.0, 1.0))
+    far, near = (dataclasses.replace(other, log_weight=best.log_weight - gap, gain=2.0) for gap in (10.0, 1.0))
     assert next_experiment(dataclasses.replace(diagnosis, posterior=SetPosterior((best, far)))) is None
     found = next_experiment(dataclasses.replace(diagnosis, posterior=SetPosterior((best, near))))
     assert found.rivals == ("nothing", str(other))
