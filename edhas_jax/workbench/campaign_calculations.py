@@ -214,8 +214,9 @@ class CampaignCalculations:
         if found is None:
             law = f"the law of {model.effects[-1].id}"
             raise WorkspaceError(f"{law} is no function of a signal of these runs, or its size is 0")
-        law = member_law(model.evaluated, model.effects[-1])
-        sentence = None if found.curve.law_values is None else law_sentence(found.curve, law)
+        sentence = None
+        if found.curve.law_values is not None:
+            sentence = law_sentence(found.curve, member_law(model.evaluated, model.effects[-1]))
         return {"effect": model.effects[-1].id, "sentence": sentence, "chart": law_chart(found.curve)}
 
     def checked(self) -> Campaign:

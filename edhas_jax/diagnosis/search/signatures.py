@@ -90,7 +90,7 @@ class SignatureTable:
     rows: tuple[np.ndarray, np.ndarray]
 
     def at(self, fit: Fit, without: Set[str]) -> "SignatureTable":
-        """The table with the signatures of the candidates at another fit, but for those of some names."""
+        """The table with the candidates simulated at the fit of another model, without those that this model has."""
         others = [of.candidate for of in self.candidates if of.candidate.name not in without]
         named, rows = _named(SignatureSimulator(fit), others)
         return dataclasses.replace(self, candidates=named, rows=(rows, self.rows[1]))

@@ -88,7 +88,7 @@ class Fit:
     def steps_of_changes(self) -> int:
         """Time steps per sample for small changes of the signals: half of the rough ones, as far as the machine allows.
 
-        Relative to themselves, changes have about the error of the signals, so that one four times as large is enough.
+        A change has about the relative error of the signals; half of the steps make it four times as large: enough.
         """
         return max(self.resolution.coarse // 2, self.problem.model().min_steps_per_sample())
 
