@@ -28,6 +28,7 @@ from rich.table import Table
 
 import edhas_jax as edhas
 from edhas_jax.diagnosis.candidates.candidate import FreeTerm
+from edhas_jax.diagnosis.search.posterior import LEAST_GAIN, NOT_FITTED
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, WeightConstants
 from studies.hidden_effects.answers import Truth, same_names
@@ -91,9 +92,14 @@ def score(case: dict[str, Any], constants: WeightConstants) -> float:
     for row in case["sets"]:
         weighing.note(SimpleNamespace(members=row["members"], misfit=row["misfit"], numbers=row["numbers"]))
     logs = [weighing.at(r["misfit"], len(r["members"]) - r["free"], r["free"]) for r in case["sets"]]
-    weights = [math.exp(log - max(logs)) for log in logs]
+    misfits = {frozenset(row["members"]): row["misfit"] for row in case["sets"]}
+    weights = []
+    for log, (key, misfit) in zip(logs, misfits.items(), strict=True):
+        without = [misfits[less] for name in key if (less := key - {name}) in misfits]
+        counts = log == max(logs) or weighing.gain(misfit, without) >= LEAST_GAIN
+        weights.append(counts * math.exp(log - max(logs)))
     right = sum(w for w, row in zip(weights, case["sets"], strict=True) if row["right"])
-    return math.log(max(right / sum(weights), LEAST_PROBABILITY))
+    return math.log(max((1.0 - NOT_FITTED) * right / sum(weights), LEAST_PROBABILITY))
 
 
 def mean_score(cases: Sequence[dict[str, Any]], constants: WeightConstants) -> float:

@@ -187,6 +187,15 @@ def test_resolution_is_found_in_text_of_six_digits_with_an_offset():
     assert recorder_resolution([rng.normal(size=2000)]) == 0.0
 
 
+def test_steps_that_grow_with_the_value_are_part_of_the_noise():
+    """Numbers with two digits: the error is uniform within the step of each decade."""
+    rng = np.random.default_rng(4)
+    values = rng.uniform(1.0, 400.0, 4000)
+    written = np.array([float(f"{v:.2g}") for v in values])
+    error = np.sqrt(np.mean(np.square(written - values)))
+    assert recorder_resolution([written[:2000], written[2000:]]) / math.sqrt(12.0) == pytest.approx(error, rel=0.03)
+
+
 @pytest.mark.parametrize("factor", [0.5, 0.7, 1.5, 10.0])
 def test_misstated_noise_is_said_and_the_measured_one_used(factor):
     campaign = with_measured_noise(periodic_campaign(white, stated=factor * NOISE))

@@ -5,7 +5,8 @@ import math
 
 import pytest
 
-from edhas_jax.diagnosis.search.weight import WEIGHT
+from edhas_jax.diagnosis.search.posterior import NOT_FITTED
+from edhas_jax.diagnosis.search.weight import WEIGHT, log_likelihood
 from studies.hidden_effects import weights
 from studies.hidden_effects.answers import HiddenEffect, Law, Truth
 from studies.hidden_effects.generators.hidden_case import CaseKey, Split
@@ -36,10 +37,16 @@ def test_the_right_answer_names_what_is_hidden_and_nothing_else():
 
 
 def test_a_score_is_the_log_probability_of_the_right_answer():
-    clear, none = case(9e3, 550.0), case(550.0, 550.0)
-    assert weights.score(clear, WEIGHT) == pytest.approx(0.0, abs=1e-2)
-    odds = WEIGHT.expected / 40
-    assert weights.score(none, WEIGHT) == pytest.approx(math.log(odds / (1.0 + odds)))
+    clear, near = case(9e3, 550.0), case(580.0, 550.0)
+    assert weights.score(clear, WEIGHT) == pytest.approx(math.log(1.0 - NOT_FITTED), abs=1e-2)
+    least = 550.0 - WEIGHT.least_error
+    gain = log_likelihood(550.0 - least, 1000) - log_likelihood(580.0 - least, 1000)
+    odds = WEIGHT.expected / 40 * math.exp(gain)
+    assert weights.score(near, WEIGHT) == pytest.approx(math.log((1.0 - NOT_FITTED) * odds / (1.0 + odds)))
+
+
+def test_an_effect_that_adds_next_to_nothing_is_no_answer():
+    assert weights.score(case(551.0, 550.0), WEIGHT) == math.log(weights.LEAST_PROBABILITY)
 
 
 def test_the_numbers_follow_the_cases():

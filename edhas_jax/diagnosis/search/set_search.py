@@ -269,14 +269,10 @@ class SetSearch:
             if without_success > more_rounds:
                 break  # nothing better in a round; above the noise in two, or in three where nothing is found yet
         for of in self.sets.values():
-            of.log_weight, of.gain = self.weight.of(of), self._gain(of)
+            without = (of.key - {c.name} for c in of.members)
+            misfits = [self.sets[key].misfit for key in without if key in self.sets]
+            of.log_weight, of.gain = self.weight.of(of), self.weight.gain(of.misfit, misfits)
         return self.ranked()
-
-    def _gain(self, of: FittedSet) -> float:
-        """The smallest rise of the log likelihood by a member of a set [nats], over the fitted sets without it."""
-        without = [self.sets[key] for key in (of.key - {c.name} for c in of.members) if key in self.sets]
-        likelihood = self.weight.log_likelihood
-        return min((likelihood(of.misfit) - likelihood(less.misfit) for less in without), default=math.inf)
 
     def additions(self) -> list[Move]:
         """The additions of one cause to the model that has none; without them where that is not finite."""

@@ -18,7 +18,7 @@ Source: Student distribution in place of a normal one for model error: Miller an
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm
@@ -103,6 +103,15 @@ class Weighing:
     def log_likelihood(self, misfit: float) -> float:
         """The logarithm of the weight of a misfit [nats] without the prior."""
         return log_likelihood(misfit - self._least, self.samples, self.constants)
+
+    def gain(self, misfit: float, without: Iterable[float]) -> float:
+        """The rise of the log likelihood [nats] by that member of a set that adds least; infinite for no member.
+
+        Args:
+            misfit: of the set [nats].
+            without: those of the fitted sets that lack one of its members [nats].
+        """
+        return min((self.log_likelihood(misfit) - self.log_likelihood(less) for less in without), default=math.inf)
 
 
 def counts(members: Sequence[Candidate]) -> tuple[int, int]:

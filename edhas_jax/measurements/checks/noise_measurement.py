@@ -42,6 +42,7 @@ MIN_VALUES = 8  # different values of a record; fewer do not show a regular step
 SMALLEST_GAPS = 0.5  # share of the gaps between neighbouring values, the smallest, that are mostly one step
 MAX_MISS = 0.1  # of a value from a whole number of steps, in steps
 MIN_SHARE_ON_STEPS = 0.95  # of the values
+MIN_REPEATS = 4.0  # samples of each value on average, from which uneven steps between values are those of a recorder
 
 
 class MeasuredNoise(NamedTuple):
@@ -289,9 +290,19 @@ def recorder_resolution(rows: Iterable[np.ndarray]) -> float:
         rows: the values of a signal (samples,) in each run (SI).
 
     Returns:
-        The largest step of any run (SI); 0 if the values are continuous, or the step is too fine to be seen.
+        The largest step of any run (SI); 0 if the values are continuous, or the step is too fine to be seen. Of steps
+        that grow with the value, as of numbers with three digits, the root mean square over the samples.
     """
-    return max((_step(values[np.isfinite(values)]) for values in rows), default=0.0)
+    found = [values[np.isfinite(values)] for values in rows]
+    return max(map(_step, found), default=0.0) or _mean_step(np.concatenate([np.zeros(0), *found]))
+
+
+def _mean_step(values: np.ndarray) -> float:
+    """The root mean square of uneven steps between neighbouring values; 0 where values hardly repeat."""
+    levels, counts = np.unique(values, return_counts=True)
+    if len(levels) < MIN_VALUES or len(values) < MIN_REPEATS * len(levels):
+        return 0.0
+    return math.sqrt(float(np.average(np.square(np.gradient(levels)), weights=counts)))
 
 
 def _step(values: np.ndarray) -> float:
