@@ -227,7 +227,8 @@ class SetSearch:
     ):  # fmt: skip
         self._checkpoint, self._prefix, self._workers = checkpoint or Checkpoint(), prefix, workers
         self._times: collections.Counter[frozenset[str]] = collections.Counter()  # how often each set was fitted
-        self._base, self._table, self._resolution, self._report = calibrated, table, resolution, report
+        self._base, self._resolution, self._report = calibrated, resolution, report
+        self._background, self._ends = table.background, table.ends
         self._tables = {frozenset(): table}  # at the calibrated model, and at best sets that leave more than noise
         self.weight = Weighing(len(table.candidates), len(table.free), len(table.background))
         self.sets: dict[frozenset[str], FittedSet] = {}
@@ -235,7 +236,7 @@ class SetSearch:
         self._at_their_ends: list[Fit] = []  # fits that do not go on
         self._left_out: set[tuple[frozenset[str], str]] = set()  # sets with the members that were left out of them
         self._compared: set[tuple[frozenset[str], frozenset[str]]] = set()  # effects with curves in their place
-        empty = self._weighed((), calibrated, LinearModel(calibrated.fit, None, table.background))
+        empty = self._weighed((), calibrated, LinearModel(calibrated.fit, None, self._background))
         self._add(empty, empty.key)
 
     def run(self, known: FittedSet | None = None) -> list[FittedSet]:
@@ -299,7 +300,7 @@ class SetSearch:
         """Simulate the signatures beside the best set where that leaves more than noise."""
         if best.excess > 0.0 and best.key not in self._tables:
             self._report(f"signatures beside {best}")
-            self._tables[best.key] = self._table.at(best.evaluated.fit, best.key)
+            self._tables[best.key] = self._tables[frozenset()].at(best.evaluated.fit, best.key)
             for of in self.sets.values():  # those that hold it are predicted anew
                 of.moves = None if of.key >= best.key else of.moves
 
@@ -504,11 +505,8 @@ class SetSearch:
         """The search with what a fit needs, to be sent to another process."""
         small, best = copy.copy(self), self.ranked()[0]
         slim = dataclasses.replace(best, evaluated=None, model=None, moves=None, untried=[])
-        small.sets, small._table = (
-            {best.key: slim},
-            dataclasses.replace(self._table, candidates=(), free=(), rows=()),
-        )
-        small._tables, small._checkpoint, small._workers, small._report = {}, Checkpoint(), None, None
+        small.sets, small._tables = {best.key: slim}, {}
+        small._checkpoint, small._workers, small._report = Checkpoint(), None, None
         return small
 
     def _job(self, move: Move) -> Job:
@@ -579,8 +577,8 @@ class SetSearch:
         named = [c for c in members if not isinstance(c, FreeTerm)]
         laws = law_deviation_columns(evaluated.fit, named) if named else []
         if laws and any(columns.size for columns in laws[0].values()):
-            return self._weighed(members, evaluated, LinearModel(evaluated.fit, laws, self._table.background))
-        model = LinearModel(evaluated.fit, None, self._table.background)
+            return self._weighed(members, evaluated, LinearModel(evaluated.fit, laws, self._background))
+        model = LinearModel(evaluated.fit, None, self._background)
         return self._weighed(members, evaluated, model, evaluated.cost)
 
     def _keep_on_rule(self) -> Callable[[int, float], bool]:
@@ -622,7 +620,7 @@ class SetSearch:
         counts little. The larger relative fall is taken.
         """
         plain = of.model.at(Floor())
-        scaled, floor = [Scaled(plain, 1.0, math.inf)], floor_of(of.model, self._table.ends, SIZES)
+        scaled, floor = [Scaled(plain, 1.0, math.inf)], floor_of(of.model, self._ends, SIZES)
         if floor.size > 0.0:
             floored, most = of.model.at(floor), plain.excess + plain.squares
             factor = floor.noise**2 * most / (floored.excess + floored.squares)
