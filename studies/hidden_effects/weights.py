@@ -63,8 +63,8 @@ def sets_as_json(found: Diagnosis, truth: Truth) -> dict[str, Any]:
     rows = [
         {
             "members": sorted(of.key), "free": sum(isinstance(c, FreeTerm) for c in of.members), "misfit": of.misfit,
-            "numbers": of.numbers, "right": is_right([(c.name, c.signal, isinstance(c, FreeTerm)) for c in of.members],
-            truth),
+            "numbers": of.numbers, "law_error": of.law_error,
+            "right": is_right([(c.name, c.signal, isinstance(c, FreeTerm)) for c in of.members], truth),
         }
         for of in found.posterior.sets
     ]  # fmt: skip
@@ -90,7 +90,7 @@ def score(case: dict[str, Any], constants: WeightConstants) -> float:
     """The log probability of the right answer [nats] with some numbers."""
     weighing = Weighing(case["named"], case["free"], case["samples"], constants)
     for row in case["sets"]:
-        weighing.note(SimpleNamespace(members=row["members"], misfit=row["misfit"], numbers=row["numbers"]))
+        weighing.note(SimpleNamespace(**{n: row[n] for n in ("members", "misfit", "numbers", "law_error")}))
     logs = [weighing.at(r["misfit"], len(r["members"]) - r["free"], r["free"]) for r in case["sets"]]
     misfits = {frozenset(row["members"]): row["misfit"] for row in case["sets"]}
     weights = []

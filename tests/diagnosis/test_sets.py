@@ -65,6 +65,18 @@ def test_the_misfit_is_the_negative_log_evidence(model):
     assert model.at(large).misfit - model.at(small).misfit == pytest.approx(difference, rel=1e-6)
 
 
+def test_what_deviations_of_laws_explain_is_the_fall_of_the_misfit_without_its_determinant(fitted):
+    rng, none = np.random.default_rng(2), np.zeros((fitted.samples, 0))
+    campaign, runs = fitted.fit.problem.campaign, fitted.fit.problem.model().runs
+    deviations = [
+        {n: campaign.channels[n].noise * rng.standard_normal((len(run.time), 3)) for n in run.signals} for run in runs
+    ]
+    without, found = (LinearModel(fitted.fit, d, none).at(Floor()) for d in (None, deviations))
+    left = [0.5 * of.left @ of.left + of.squares for of in (without, found)]
+    assert found.fall_by_laws == pytest.approx(left[0] - left[1], rel=1e-6) and found.fall_by_laws > 0.1
+    assert without.fall_by_laws == 0.0
+
+
 def test_another_prior_of_some_unknowns_is_that_of_a_dense_covariance(model):
     """A curve around the law of an effect is the same model as one around nothing, with another prior."""
     places, mean, spread = np.array([1, 3]), np.array([0.7, -0.4]), np.array([0.5, 2.0])
@@ -145,19 +157,12 @@ def test_an_effect_that_explains_nothing_is_no_other_answer():
 
 
 def test_the_gain_of_a_set_is_that_of_its_least_member():
-    def a_fit(misfit, *kinds):
-        return FittedSet(tuple(map(Candidate, kinds)), None, None, misfit, 0.0, 0.0, 1000)
-
-    search = SetSearch.__new__(SetSearch)
-    search.weight = Weighing(10, 1, 1000, NUMBERS)
-    both = a_fit(600.0, EddyDrag, CoggingForce)
-    sets = [a_fit(5000.0), a_fit(900.0, EddyDrag), a_fit(4000.0, CoggingForce), both]
-    search.sets = {of.key: of for of in sets}
-    for of in sets:
-        search.weight.note(of)
-    assert search._gain(sets[0]) == np.inf
-    expected = search.weight.log_likelihood(600.0) - search.weight.log_likelihood(900.0)
-    assert search._gain(both) == pytest.approx(expected) and expected > 0.0
+    weight = Weighing(10, 1, 1000, NUMBERS)
+    for misfit, kinds in ((5000.0, ()), (900.0, (EddyDrag,)), (600.0, (EddyDrag, CoggingForce))):
+        weight.note(FittedSet(tuple(map(Candidate, kinds)), None, None, misfit, 0.0, 0.0, 1000))
+    assert weight.gain(5000.0, []) == np.inf
+    expected = weight.log_likelihood(600.0) - weight.log_likelihood(900.0)
+    assert weight.gain(600.0, [4000.0, 900.0]) == pytest.approx(expected) and expected > 0.0
 
 
 def test_what_takes_the_place_of_a_member_is_near_and_as_small():
@@ -239,6 +244,19 @@ def test_what_a_set_explains_decides_how_much_its_laws_may_leave():
         weight.note(dataclasses.replace(a_set(1.0, EddyDrag), misfit=550.0, numbers=60.0, excess=0.0))
         gains.append(weight.at(550.0, 0, 0) - weight.at(570.0, 0, 0))
     assert gains[0] > 5.0 and 0.0 < gains[1] < 0.1
+
+
+def test_laws_that_follow_the_library_leave_little_elsewhere():
+    """The same fall counts where the deviations of the laws explain next to nothing."""
+    gains = []
+    for law_error in (np.inf, 3e4, 100.0, 0.0):
+        weight = Weighing(1, 1, 1000, NUMBERS)
+        weight.note(FittedSet((), None, None, 2e6, 60.0, 2e6, 1000))
+        best = dataclasses.replace(a_set(1.0, EddyDrag), misfit=550.0, numbers=60.0, law_error=law_error)
+        weight.note(best)
+        weight.note(dataclasses.replace(best, misfit=900.0, law_error=0.0))  # one that leaves more says nothing
+        gains.append(weight.at(550.0, 0, 0) - weight.at(2000.0, 0, 0))
+    assert gains[0] == gains[1] < 2.0 and 5.0 < gains[2] < gains[3]
 
 
 @pytest.mark.parametrize("effects", [(), (InverterDeadTime(dead_time_voltage=0.5), CoggingForce())])

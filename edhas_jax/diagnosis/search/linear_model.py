@@ -43,11 +43,16 @@ class LinearModel:
         fit: the fit.
         deviations: deviations of the laws of its effects, by fitted run and signal (samples, k) in SI; None for none.
         background: columns (m, g) of the background, whitened, of all fitted runs one after another.
+
+    Attributes:
+        laws: the place of these deviations among the columns.
     """
 
     def __init__(self, fit: Fit, deviations: Sequence[Mapping[str, np.ndarray]] | None, background: np.ndarray):
         problem, blocks, residuals = fit.problem, [], []
         unknowns, runs, own = len(problem.unknowns), problem.model().runs, len(problem.bench.of_runs)
+        of_laws = 0 if deviations is None else next(iter(deviations[0].values())).shape[1]
+        self.laws = slice(unknowns + problem.bench.count, unknowns + problem.bench.count + of_laws)
         for r, (run, outcome) in enumerate(zip(runs, fit.outcomes, strict=True)):
             further = None if deviations is None else deviations[r]
             rows, _ = run_columns(problem.campaign, run, outcome, problem.unknowns, problem.bench, further)
@@ -135,6 +140,13 @@ class FlooredModel:
         """½ Σ squares of all coefficients [nats]: how unusual their values are."""
         explained = (self._of.square - float(self.left @ self.left)) / self.floor.noise**2
         return 0.5 * max(float(explained + self._of.penalty - self._right @ self._right), 0.0)
+
+    @functools.cached_property
+    def fall_by_laws(self) -> float:
+        """The fall of ½ Σ left² and `squares` by the deviations of laws [nats]."""
+        factor = self._factor[self._of.laws]
+        estimate = factor @ self._right
+        return 0.5 * float(estimate @ np.linalg.solve(factor @ factor.T, estimate))
 
     @functools.cached_property
     def numbers(self) -> float:

@@ -123,6 +123,7 @@ class FittedSet:
         numbers: the same.
         excess: the same.
         samples: number of samples of the fit.
+        law_error: nats that deviations of its laws explain; infinite where these are not known.
         log_weight: logarithm of its weight [nats]; NaN before the search has ended.
         gain: rise of the log likelihood [nats] by that of its members that adds least, from the set without it.
         untried: further starts of its fit.
@@ -136,6 +137,7 @@ class FittedSet:
     numbers: float
     excess: float
     samples: int
+    law_error: float = math.inf
     log_weight: float = math.nan
     gain: float = math.inf
     untried: list[Start] = dataclasses.field(default_factory=list)
@@ -418,6 +420,7 @@ class SetSearch:
         places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.coefficient_names])
         spread = np.full(len(places), DEVIATION_SHARE * size / curve.spread)
         found = self._weighed(of.members, of.evaluated, by_curve.model.with_prior(places, mean, spread))
+        found.law_error = math.inf  # the curve is among the unknowns
         if not is_beside:  # the parameters of the effect are no unknowns of that fit
             own = 0.5 * sum(x * x for x in effect.own_coordinates(of.evaluated.fit).values())
         return dataclasses.replace(found, misfit=found.misfit + own, numbers=found.numbers + own)
@@ -608,7 +611,11 @@ class SetSearch:
             return None
         at = model.at(Floor())
         missed = max(reached - (at.misfit - at.numbers + at.squares), 0.0)  # perhaps because of bounds
-        return FittedSet(members, evaluated, model, at.misfit + missed, at.numbers, at.excess + missed, model.samples)
+        has_laws = model.laws.stop > model.laws.start and not any(isinstance(c, FreeTerm) for c in members)
+        return FittedSet(
+            members, evaluated, model, at.misfit + missed, at.numbers, at.excess + missed, model.samples,
+            at.fall_by_laws if has_laws else math.inf,
+        )  # fmt: skip
 
     def _problem(self, members: Sequence[Candidate]) -> FitProblem:
         return with_candidates(self._base.fit.problem, members)

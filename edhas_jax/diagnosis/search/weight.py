@@ -5,9 +5,9 @@ and one with 2 β of them as wide as the noise of all n samples,
 
     ln w = Σ ln prior odds − (α/2) ln(1 + 2 (X − X₀)/α) − β ln(1 + 2 (X − X₀)/n)
 
-with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less a share
-of what the best set explains, which the error of its laws may leave anywhere, and a few nats at least, which the error
-of any model of a bench may leave. Near the noise (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio
+with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less what the
+error of its laws may leave anywhere, and a few nats at least, which the error of any model of a bench may leave. Laws
+err elsewhere by as much as they do over their own variables, and by a share of what the best set explains at most. Near the noise (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio
 of misfits counts, because the error of a model is a few smooth functions, not one error for each sample: half the
 misfit is worth (α/2) ln 2, and β ln 2 more where it is larger than the noise: the small effects that no list has seldom
 leave that much.
@@ -34,7 +34,7 @@ class WeightConstants:
         beyond_noise: β: what a factor e on the misfit costs above the noise [nats], in addition to α/2.
         expected: named effects that a campaign hides on average, over all candidates together.
         unknown_odds: odds that it hides one that no list has, over all places together.
-        law_error: share of what a set explains: 12 % of its amplitude.
+        law_error: largest share of what a set explains: 12 % of its amplitude.
         least_error: error of a model with the right effects [nats], because settings, sensors and clocks deviate in
             more ways.
     """
@@ -52,11 +52,12 @@ WEIGHT = WeightConstants()
 
 
 class Weighable(Protocol):
-    """A fitted set: its members, its misfit and what its numbers cost [nats], see `FlooredModel`."""
+    """A fitted set: its members, misfit, cost of its numbers, and what its laws' deviations explain; see `FittedSet`."""
 
     members: Sequence[Candidate]
     misfit: float
     numbers: float
+    law_error: float
 
 
 class Weighing:
@@ -76,13 +77,14 @@ class Weighing:
         self.named, self.free, self.samples, self.constants = named, free, samples, constants
         self._log_named = math.log(constants.expected / max(named, 1))
         self._log_free = math.log(constants.unknown_odds / max(free, 1))
-        self._least_numbers = self._least_misfit = self._of_nothing = math.inf
+        self._least_numbers = self._least_misfit = self._of_nothing = self._law_error = math.inf
         self.noise = noise_level(samples)
 
     def note(self, of: Weighable) -> None:
         """Take account of a fitted set."""
         self._least_numbers = min(self._least_numbers, of.numbers)
-        self._least_misfit = min(self._least_misfit, of.misfit)
+        if of.misfit < self._least_misfit:
+            self._least_misfit, self._law_error = of.misfit, of.law_error
         if not of.members:
             self._of_nothing = min(self._of_nothing, of.misfit)
 
@@ -90,7 +92,8 @@ class Weighing:
     def _least(self) -> float:
         """X₀ of the module."""
         least = min(self.noise + self._least_numbers, self._least_misfit)
-        return least - max(self.constants.law_error * (self._of_nothing - least), self.constants.least_error)
+        of_laws = min(self.constants.law_error * (self._of_nothing - least), self._law_error)
+        return least - max(of_laws, self.constants.least_error)
 
     def of(self, fitted: Weighable) -> float:
         """The logarithm of the weight of a fitted set [nats]."""
