@@ -204,9 +204,12 @@ def test_a_component_with_two_causes_counts_once():
     assert found.locations() == pytest.approx({mover: 0.9 * 0.9, coil: 0.9 * 0.2})
 
 
-def test_the_empty_set_is_an_unknown_cause_where_it_leaves_much():
+def test_the_empty_set_may_be_an_unknown_cause_where_it_leaves_much():
     empty = dataclasses.replace(a_set(1.0), excess=2000.0)
     assert labels(empty) == (UNKNOWN,) and labels(a_set(1.0)) == (NOTHING,)
+    found = SetPosterior((empty, a_set(0.5, EddyDrag)))  # no curve explains it: the records may be wrong as well
+    assert found.probabilities == pytest.approx({"unknown": 0.3, "nothing": 0.3, "eddy_drag": 0.3})
+    assert next(iter(found.probabilities)) == UNKNOWN and set(found.credible) == {"unknown", "nothing", "eddy_drag"}
 
 
 def test_the_reference_is_the_noise_or_what_the_best_set_leaves(model):

@@ -59,6 +59,9 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
         place = term.location if term is not None else places[0] if places else "the machine"
         where = f"; most likely it acts on {place.replace('_', ' ')}"
         out = [f"Something is missing that no effect of the library explains{where}."]
+        if not diagnosis.posterior.best.members:
+            out = ["Neither an effect of the library nor a curve explains what is left: it is an unknown effect, or an "
+                   "error of the records (clock, noise, sensors)."]  # fmt: skip
         out += [*_free_term_sentences(diagnosis, "What explains most of it"), *left]
         out += [f"Beside it, {c.name} ({parameters_text(diagnosis, c)}) improves the model." for c in diagnosis.named]
     else:

@@ -39,11 +39,23 @@ class SetPosterior:
         return tuple((1.0 - NOT_FITTED) * weight / sum(weights) for weight in weights)
 
     @functools.cached_property
+    def _answers(self) -> list[tuple[tuple[str, ...], float]]:
+        """What each set answers, with its probability.
+
+        Where the empty set leaves much, no free term explains it: the cause is as likely in the records.
+        """
+        found = []
+        for of, weight in zip(self.sets, self.weights, strict=True):
+            every = ((UNKNOWN,), (NOTHING,)) if not of.members and labels(of) == (UNKNOWN,) else (labels(of),)
+            found += [(names, weight / len(every)) for names in every]
+        return found
+
+    @functools.cached_property
     def probabilities(self) -> dict[str, float]:
         """The probability of each name to be in the set, of an unknown cause, and of nothing; the largest first."""
-        found: dict[str, float] = {NOTHING: 0.0, UNKNOWN: 0.0}
-        for of, weight in zip(self.sets, self.weights, strict=True):
-            for name in labels(of):
+        found: dict[str, float] = {UNKNOWN: 0.0, NOTHING: 0.0}
+        for names, weight in self._answers:
+            for name in names:
                 found[name] = found.get(name, 0.0) + weight
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
@@ -58,7 +70,7 @@ class SetPosterior:
     @functools.cached_property
     def credible(self) -> tuple[str, ...]:
         """The fewest names of which one at least is right with a probability of `COVERAGE`; taken one by one."""
-        left, chosen = list(zip(map(labels, self.sets), self.weights, strict=True)), []
+        left, chosen = self._answers, []
         while sum(weight for _, weight in left) > (1.0 - COVERAGE) * (1.0 - NOT_FITTED):
             gains: dict[str, float] = {}
             for names, weight in left:
