@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 import edhas_jax as edhas
-from edhas_jax.diagnosis.candidates.candidate import FreeTerm
+from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm
 from edhas_jax.diagnosis.search.posterior import LEAST_GAIN, NOT_FITTED
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, WeightConstants
@@ -90,7 +90,8 @@ def score(case: dict[str, Any], constants: WeightConstants) -> float:
     """The log probability of the right answer [nats] with some numbers."""
     weighing = Weighing(case["named"], case["free"], case["samples"], constants)
     for row in case["sets"]:
-        weighing.note(SimpleNamespace(**{n: row[n] for n in ("members", "misfit", "numbers", "law_error")}))
+        kinds = [FreeTerm] * row["free"] + [Candidate] * (len(row["members"]) - row["free"])
+        weighing.note(SimpleNamespace(**row | {"members": [kind(None) for kind in kinds]}))
     logs = [weighing.at(r["misfit"], len(r["members"]) - r["free"], r["free"]) for r in case["sets"]]
     misfits = {frozenset(row["members"]): row["misfit"] for row in case["sets"]}
     weights = []

@@ -77,14 +77,17 @@ class Weighing:
         self.named, self.free, self.samples, self.constants = named, free, samples, constants
         self._log_named = math.log(constants.expected / max(named, 1))
         self._log_free = math.log(constants.unknown_odds / max(free, 1))
-        self._least_numbers = self._least_misfit = self._of_nothing = self._law_error = math.inf
+        self._least_numbers = self._least_misfit = self._of_nothing = math.inf
+        self._most_evidence, self._law_error = -math.inf, math.inf
         self.noise = noise_level(samples)
 
     def note(self, of: Weighable) -> None:
         """Take account of a fitted set."""
         self._least_numbers = min(self._least_numbers, of.numbers)
-        if of.misfit < self._least_misfit:
-            self._least_misfit, self._law_error = of.misfit, of.law_error
+        self._least_misfit = min(self._least_misfit, of.misfit)
+        evidence = self._log_prior(*counts(of.members)) - of.misfit
+        if evidence > self._most_evidence:
+            self._most_evidence, self._law_error = evidence, of.law_error
         if not of.members:
             self._of_nothing = min(self._of_nothing, of.misfit)
 
@@ -101,7 +104,10 @@ class Weighing:
 
     def at(self, misfit: float, named: int, free: int) -> float:
         """The same from the misfit [nats] of a set and its numbers of named members and of free terms."""
-        return self.log_likelihood(misfit) + named * self._log_named + free * self._log_free
+        return self.log_likelihood(misfit) + self._log_prior(named, free)
+
+    def _log_prior(self, named: int, free: int) -> float:
+        return named * self._log_named + free * self._log_free
 
     def log_likelihood(self, misfit: float) -> float:
         """The logarithm of the weight of a misfit [nats] without the prior."""
