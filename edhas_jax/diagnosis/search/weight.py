@@ -7,10 +7,10 @@ and one with 2 β of them as wide as the noise of all n samples,
 
 with X₀ the misfit of the best set where that is at the noise, and else what the noise alone would leave; less what the
 error of its laws may leave anywhere, and a few nats at least, which the error of any model of a bench may leave. Laws
-err elsewhere by as much as they do over their own variables, and by a share of what the best set explains at most. Near the noise (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio
-of misfits counts, because the error of a model is a few smooth functions, not one error for each sample: half the
-misfit is worth (α/2) ln 2, and β ln 2 more where it is larger than the noise: the small effects that no list has seldom
-leave that much.
+err elsewhere by as much as they do over their own variables, and by a share of what the best set explains at most. Near
+the noise (X − X₀ ≪ α) that is the usual evidence. Far above it only the ratio of misfits counts, because the error of a
+model is a few smooth functions, not one error for each sample: half the misfit is worth (α/2) ln 2, and β ln 2 more
+where it is larger than the noise: the small effects that no list has seldom leave that much.
 
 Source: Student distribution in place of a normal one for model error: Miller and Dunson, J. Am. Stat. Assoc. 114 (2019)
 1113 (coarsened posterior).
@@ -52,7 +52,7 @@ WEIGHT = WeightConstants()
 
 
 class Weighable(Protocol):
-    """A fitted set: its members, misfit, cost of its numbers, and what its laws' deviations explain; see `FittedSet`."""
+    """A fitted set: its members, misfit, cost of its numbers, and what deviations of its laws explain [nats]."""
 
     members: Sequence[Candidate]
     misfit: float
