@@ -18,6 +18,7 @@ import argparse
 import contextlib
 import dataclasses
 import enum
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from unittest import mock
@@ -25,6 +26,7 @@ from unittest import mock
 import numpy as np
 
 from edhas_jax.diagnosis.search import diagnose, set_search
+from edhas_jax.diagnosis.search.linear_model import FlooredModel
 from edhas_jax.diagnosis.search.set_search import SetSearch
 from edhas_jax.diagnosis.search.signatures import SignatureTable
 from studies.hidden_effects.answers import Answer
@@ -40,8 +42,9 @@ class Part(enum.Enum):
     """A part of the diagnosis, with what is left out without it, for the table."""
 
     LAW_DEVIATIONS = "deviations of an effect from its law, integrated out"
+    ERROR_OF_LAWS = "laws err elsewhere by no more than over their variable"
     CURVES_AS_LAWS = "free curves as the law of an effect"
-    EFFECTS_FOR_CURVES = "effects tried in place of a free curve at their component"
+    EFFECTS_FOR_CURVES = "effects tried in place of a free curve or another law at their component"
     FREE_TERMS = "free terms, so that no answer is `unknown`"
     BACKGROUND = "the background beneath the predictions"
     SIGNATURES_BESIDE = "signatures simulated again beside the best set"
@@ -78,10 +81,12 @@ def _left_out(part: Part) -> tuple[object, dict[str, object]]:
     match part:
         case Part.LAW_DEVIATIONS:
             return set_search, {"law_deviation_columns": lambda fit, named: []}
+        case Part.ERROR_OF_LAWS:
+            return FlooredModel, {"fall_by_laws": math.inf}
         case Part.CURVES_AS_LAWS:
             return SetSearch, {"_take_curves_as_laws": lambda self: None}
         case Part.EFFECTS_FOR_CURVES:
-            return SetSearch, {"_may_be_law": staticmethod(lambda move, best: False)}
+            return SetSearch, {"_may_be_law": lambda self, move, best: False}
         case Part.FREE_TERMS:
             return SetSearch, {"__init__": without_terms}
         case Part.BACKGROUND:

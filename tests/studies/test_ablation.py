@@ -3,6 +3,7 @@
 import pytest
 
 from edhas_jax.diagnosis.search import set_search
+from edhas_jax.diagnosis.search.linear_model import FlooredModel
 from edhas_jax.diagnosis.search.set_search import SetSearch
 from edhas_jax.diagnosis.search.signatures import SignatureTable
 from studies.hidden_effects.ablation import Part, file_name, table, without
@@ -13,7 +14,7 @@ from studies.hidden_effects.store import Record
 @pytest.mark.parametrize("part", list(Part))
 def test_a_part_is_left_out_as_long_as_the_context_lasts(part):
     def state():
-        return [dict(vars(of)) for of in (SetSearch, SignatureTable, set_search)]
+        return [dict(vars(of)) for of in (SetSearch, SignatureTable, FlooredModel, set_search)]
 
     before = state()
     with without(part):
