@@ -8,7 +8,6 @@ from studies.hidden_effects.generators.benches import Bench
 from studies.hidden_effects.generators.chains import Link
 from studies.hidden_effects.generators.disturbances import Disturbance
 from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.generators.judging import first_machine, second_machine
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 
@@ -50,12 +49,14 @@ CONTENT = {
         judging.BENCHES,
     ),
 }  # fmt: skip
-# judging cases on machines of one's own, each with a list of effects of its own
-OWN_MACHINES = tuple(
-    dataclasses.replace(
-        CONTENT[Split.JUDGING], laws=rig.LAWS, unlisted=rig.UNLISTED, disturbances=rig.DISTURBANCES,
-        drifts=rig.DRIFTS,
-        benches=(rig.BENCH,), library=rig.LIBRARY,
+# of cases on machines of one's own, each with a list of effects of its own
+OWN_MACHINES = {
+    split: tuple(
+        dataclasses.replace(
+            CONTENT[split], laws=rig.LAWS, unlisted=rig.UNLISTED, disturbances=rig.DISTURBANCES, drifts=rig.DRIFTS,
+            benches=(rig.BENCH,), library=rig.LIBRARY,
+        )
+        for rig in (package.first_machine, package.second_machine)
     )
-    for rig in (first_machine, second_machine)
-)  # fmt: skip
+    for split, package in ((Split.TUNING, tuning), (Split.JUDGING, judging))
+}  # fmt: skip
