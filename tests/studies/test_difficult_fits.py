@@ -86,7 +86,8 @@ OF_THE_ACTUATOR = {
     "static_friction": 8.377,
 }  # fmt: skip
 SPRING = law(ParasiticSpring, "HardeningSpring", "Source: Duffing (1918).", {"spring_size": ("N/m", 50.0, 3000.0)},
-             mover_force=lambda e, s, z: -e.spring_size * s.piston_position * (1.0 + (s.piston_position / 3e-3) ** 2))
+             mover_force=lambda e, s, z:
+             -e.spring_size * s.piston_position * (1.0 + (s.piston_position / 3e-3) ** 2))  # fmt: skip
 
 
 def measured(bench: Bench, values: dict[str, float], hidden: Law | None = None, size: float = 0.0) -> Campaign:

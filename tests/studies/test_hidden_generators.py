@@ -183,9 +183,7 @@ def test_the_benches_of_the_splits_share_no_run():
 
 
 def test_a_mechanism_with_other_laws_has_four_of_which_two_judge():
-    tuning, judging = (
-        Counter(law.mechanism for law in CONTENT[split].laws) for split in (Split.TUNING, Split.JUDGING)
-    )
+    tuning, judging = (Counter(law.mechanism for law in CONTENT[split].laws) for split in BY_NUMBER)
     mechanisms = tuning.keys() | judging.keys()
     assert mechanisms <= set(LIBRARY) and len(mechanisms) >= 30
     for mechanism in mechanisms:

@@ -92,16 +92,6 @@ def _creeping_zero(rng, samples, noise, size):
     return samples + direction * size * np.nanmax(np.abs(samples)) * np.linspace(0.0, 1.0, len(samples)) ** 0.5
 
 
-def _peak_to_peak(rng, factor):
-    """The noise is stated from peak to peak."""
-    return factor
-
-
-def _of_the_bare_sensor(rng, factor):
-    """The noise is stated for the sensor without amplifier and cable, for each by itself."""
-    return factor * rng.uniform(0.7, 1.4)
-
-
 LINKS = (
     Link("ringing_mount", Place.SIGNAL, _ringing_mount, (2.5e-4, 1e-3), everywhere=False),
     Link("integrating_converter", Place.SIGNAL, _integrating, (1e-4, 4e-4)),
@@ -115,6 +105,6 @@ LINKS = (
     Link("running_mean", Place.SAMPLES, _running_mean, (0.1, 0.4)),
     Link("curved_sensor", Place.SAMPLES, _curved_sensor, (3e-4, 1.5e-3), everywhere=False),
     Link("creeping_zero", Place.SAMPLES, _creeping_zero, (3e-4, 1.5e-3), everywhere=False),
-    Link("stated_peak_to_peak", Place.STATEMENT, _peak_to_peak, (4.0, 6.6)),
-    Link("stated_for_the_bare_sensor", Place.STATEMENT, _of_the_bare_sensor, (0.2, 0.6)),
+    Link("stated_peak_to_peak", Place.STATEMENT, lambda rng, factor: factor, (4.0, 6.6)),
+    Link("stated_for_the_bare_sensor", Place.STATEMENT, lambda rng, factor: factor * rng.uniform(0.7, 1.4), (0.2, 0.6)),
 )

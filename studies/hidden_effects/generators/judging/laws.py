@@ -170,9 +170,9 @@ SOFT_TEXT = ("A soft seat of the {} valves that pressure closes: A/(1 + |Δp|/0.
 CHIP_TEXT = ("A chip in the seat of the {} valves that is washed out: A (0.15 + 0.85 exp(−t/0.12 s)). "
              "Source: contamination of seat valves; form chosen.")  # fmt: skip
 TRAIL_TEXT = ("A {} with inertia and a core that follows late: I dQ/dt = Δp − R (Q + 1.5 (Q − Q_c)), 4 ms dQ_c/dt "
-              "= Q − Q_c. Source: frequency-dependent friction after Zielke, J. Basic Eng. 90 (1968) 109; one lag.")
+              "= Q − Q_c. Source: frequency-dependent friction after Zielke, J. Basic Eng. 90 (1968) 109.")  # fmt: skip
 EASE_TEXT = ("A {} with inertia and oil that thins as it is sheared: I dQ/dt = Δp − R Q/(1 + |Q|/0.48 L/min). "
-             "Source: shear thinning of oils with polymers; Cross, J. Colloid Science 20 (1965) 417, exponent 1.")
+             "Source: shear thinning of oils with polymers; Cross, J. Colloid Science 20 (1965) 417.")  # fmt: skip
 LAWS = (
     law(library.LugreFriction, "SlipElementFriction", "Friction of three elements that slip one after the other: "
         "F (0.5 r_1 + 0.3 r_2 + 0.2 r_3), dr/dt = (v − |v| r)/δ with δ, 4 δ, 16 δ. "
