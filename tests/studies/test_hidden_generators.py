@@ -39,6 +39,7 @@ from studies.synthetic_campaign import planned_campaign
 DEVELOPMENT = (Split.TUNING, Split.VARIED)
 BY_NUMBER = (Split.TUNING, Split.JUDGING)
 OWN = [own for split in BY_NUMBER for own in OWN_MACHINES[split]]
+OWN_NAMES = [f"{split.value} {name}" for split in BY_NUMBER for name in ("first", "second")]
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
 ACTUATOR = Bench(
     "short runs of an actuator", ActuatorBench, (LugreFriction,),
@@ -113,7 +114,7 @@ def test_a_case_is_drawn_from_its_key_alone(short, family, split):
     assert len(one.truth.hidden) in ((2, 3) if family == "p" else (0, 1))
 
 
-@pytest.mark.parametrize("own", OWN, ids=lambda own: own.benches[0].id)
+@pytest.mark.parametrize("own", OWN, ids=OWN_NAMES)
 def test_machines_of_ones_own_are_right_and_their_effects_are_no_others(own):
     (bench,) = own.benches
     check_rig(type(bench.machine()))
@@ -280,10 +281,9 @@ def test_disturbances_of_a_pump_are_not_put_into_an_actuator_alone():
 
 BENCHES = [(PUMP, CONTENT[split].disturbances) for split in Split]
 BENCHES += [(own.benches[0], own.disturbances) for own in OWN]
-NAMES = [*(split.value for split in Split), *(f"{split.value} {name}" for split in BY_NUMBER for name in ("1", "2"))]
 
 
-@pytest.mark.parametrize(("bench", "kinds"), BENCHES, ids=NAMES)
+@pytest.mark.parametrize(("bench", "kinds"), BENCHES, ids=[*(split.value for split in Split), *OWN_NAMES])
 def test_disturbances_leave_the_stated_share_of_the_noise_and_each_of_them_acts(bench, kinds):
     test = visibility(bench)
     for kind in kinds:
