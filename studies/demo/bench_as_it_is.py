@@ -17,18 +17,24 @@ from pathlib import Path
 
 import numpy as np
 
+from edhas_jax.machine.effects import InverterDeadTime
 from edhas_jax.measurements.campaign_reader import read_campaign
 from studies.campaign_writer import write_campaign
 from studies.demo import CAMPAIGN
-from studies.hidden_effects.generators.content import CONTENT
+from studies.demo.disturbances import DISTURBANCES
 from studies.hidden_effects.generators.disturbances import draw_disturbances
-from studies.hidden_effects.generators.hidden_case import Split
+from studies.hidden_effects.generators.functions import arctan
+from studies.hidden_effects.generators.laws import law
 from studies.hidden_effects.generators.records import recorded
 from studies.hidden_effects.generators.settings import usual_deviations, with_deviations
-from studies.hidden_effects.generators.tuning.laws import LAWS
 from studies.hidden_effects.generators.visibility import VisibilityTest
 
-DEAD_TIME = next(law.kind for law in LAWS if law.id == "arctan_dead_time")
+DEAD_TIME = law(
+    InverterDeadTime, "ArctanDeadTime", "Dead time with a wide transition: −V (2/π) atan(i/0.1 A). "
+    "Source: clamping of the current around zero; Jeong, Park, IEEE Trans. Ind. Electron. 38 (1991) 108.",
+    {"lost_voltage": ("V", 0.2, 3.0)},
+    coil_voltage_change=lambda e, s, z: -e.lost_voltage * (2.0 / math.pi) * arctan(s.current / 0.1),
+).kind  # fmt: skip
 LOST_VOLTAGE = 0.9  # V
 NOISE = {
     "voltage": 0.02, "current": 0.02, "piston_position": 5e-6, "outlet_pressure": 1.5e3, "outlet_flow": 2e-7
@@ -46,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     runs = tuple(dataclasses.replace(run, signals={}) for run in plan.runs)
     plan = dataclasses.replace(plan, channels=channels, runs=runs)
     truth = with_deviations(plan, plan.machine, usual_deviations(rng, len(plan.uncertain_in(plan.machine))))
-    disturbances = draw_disturbances(VisibilityTest(plan, truth, ()), CONTENT[Split.TUNING].disturbances, rng)
+    disturbances = draw_disturbances(VisibilityTest(plan, truth, ()), DISTURBANCES, rng)
     if disturbances is None:
         print("no disturbances of this seed; choose another one", file=sys.stderr)
         return 1

@@ -26,8 +26,8 @@ from edhas_jax.machine.parameters import get_parameter
 from edhas_jax.machine.rigs import PumpBench
 from edhas_jax.measurements.campaign import Campaign, Channel, Use
 from studies.flow_drop.causes import SizedCause
-from studies.hidden_effects.generators.tuning.benches import PUMP_CHANNELS as CHANNELS
-from studies.hidden_effects.generators.tuning.benches import PUMP_UNCERTAIN as USUAL
+from studies.hidden_effects.generators.varied.benches import PUMP_CHANNELS as CHANNELS
+from studies.hidden_effects.generators.varied.benches import PUMP_UNCERTAIN as USUAL
 from studies.paper.readings import mean_flows
 from studies.synthetic_campaign import PlannedRun, draw_parameters, planned_campaign, synthesise
 

@@ -4,8 +4,8 @@
                                      [--methods ours,previous,bic,correlation] [--workers K] [--out DIR]
 
 Each case is a campaign made by an integrator and sensor models that no method uses. A case is determined by split,
-family and number; `--cases` from `--first` on are run of each family. The family of a judging case follows from its
-number: `--split judging --first 73 --cases 340` are all that judge, as earlier methods have answered those before.
+family and number; `--cases` from `--first` on are run of each family. The family of a judging or tuning case follows
+from its number: `--split judging --cases 340` are all that judge.
 
 Each answer is stored in DIR when it is there and not computed again, so that the same command continues a study that
 was stopped, and another method can be added later. An answer that ended in an error counts as wrong.

@@ -3,12 +3,22 @@
 import numpy as np
 import pytest
 
-from studies.hidden_effects.generators.chains import DrawnLink, draw_links, typical_noise
+from studies.hidden_effects.generators.chains import DrawnLink, Place, draw_links, typical_noise
 from studies.hidden_effects.generators.content import CONTENT
 from studies.hidden_effects.generators.hidden_case import Split
 from studies.hidden_effects.generators.visibility import whitening_filter
 
 LINKS = {link.id: link for split in Split for link in CONTENT[split].links}
+NUMBERED = [  # by split and number: the output of tests says nothing of what judges
+    pytest.param(link, id=f"{split.value} {k}") for split in Split for k, link in enumerate(CONTENT[split].links)
+]
+
+
+def at(place: Place) -> list:
+    """The links that act in a place."""
+    return [of for of in NUMBERED if of.values[0].place is place]
+
+
 INTERVAL = 4e-5
 TIME = INTERVAL * np.arange(25001)
 SAMPLES = np.sin(np.linspace(0.0, 60.0, 40000))
@@ -23,10 +33,7 @@ def gain_and_delay(link, parameter, frequency):
 
 
 def test_filters():
-    """Gain and delay of a Butterworth filter, of three lags in a row, and of a smoother that looks ahead."""
-    assert gain_and_delay(LINKS["second_order_filter"], 900.0, 900.0)[0] == pytest.approx(1.0 / np.sqrt(2.0), abs=0.01)
-    gain, delay = gain_and_delay(LINKS["second_order_filter"], 900.0, 50.0)
-    assert gain == pytest.approx(1.0, abs=0.01) and delay == pytest.approx(np.sqrt(2.0) / (2 * np.pi * 900), rel=0.02)
+    """Gain and delay of three lags in a row, and of a smoother that looks ahead."""
     gain, delay = gain_and_delay(LINKS["three_poles"], 0.4e-3, 50.0)
     assert gain == pytest.approx(np.hypot(1.0, 2 * np.pi * 50 * 0.4e-3) ** -3.0, abs=0.005)
     assert delay == pytest.approx(3.0 * 0.4e-3, rel=0.06)
@@ -34,35 +41,53 @@ def test_filters():
     assert gain == pytest.approx(np.exp(-0.5 * (2 * np.pi * 200 * 0.4e-3) ** 2), abs=0.005) and abs(delay) < 1e-6
     gain, _ = gain_and_delay(LINKS["compensated_transducer"], 5e-3, 300.0)
     assert gain == pytest.approx(1.25, abs=0.01)
-    for name in ("second_order_filter", "three_poles", "smoothing_software", "compensated_transducer"):
-        steady = LINKS[name].act(INTERVAL, np.full(200, 3.0), np.mean(LINKS[name].plausible))
-        np.testing.assert_allclose(steady, 3.0)
+
+
+@pytest.mark.parametrize("link", at(Place.SIGNAL))
+def test_a_filter_leaves_a_steady_signal(link):
+    """On a fine grid of time and on that of a slow machine; a slow sine passes it too, a little late."""
+    low, high = link.plausible
+    for parameter in (low, high):
+        for interval in (INTERVAL, 20 * INTERVAL) if high < 1.0 else (INTERVAL,):
+            np.testing.assert_allclose(link.act(interval, np.full(200, 3.0), parameter), 3.0)
+        gain, delay = gain_and_delay(link, parameter, 5.0)
+        assert gain == pytest.approx(1.0, abs=0.02) and abs(delay) < 2e-3
 
 
 def test_clocks():
     times = 2e-4 * np.arange(1001)
-    np.testing.assert_allclose(LINKS["trigger_early"].act(times, 1e-4), times - 1e-4)
     lost = LINKS["buffer_overrun"].act(times, 1e-4) - times
     assert lost[:400].max() == 0.0 and lost[402:] == pytest.approx(1e-4)
     wandering = LINKS["unsteady_clock"].act(times, 1e-4) - times
     assert 0.8e-4 < np.abs(wandering).max() <= 1e-4 and wandering[0] == 0.0
+    for link in (link for link in LINKS.values() if link.place is Place.CLOCK):
+        off = np.abs(link.act(times, link.plausible[1]) - times)
+        assert 0.0 < off.max() < 1e-3, link.id
 
 
 @pytest.mark.parametrize(
     ("name", "parameter"),
-    [("first_order_noise", 0.6), ("slow_noise", 0.3), ("heavy_tails", 0.1), ("growing_noise", 2.0)],
+    [("slow_noise", 0.3), ("heavy_tails", 0.1), ("growing_noise", 2.0)],
 )
 def test_correlated_noise_has_unit_variance_and_is_whitened(name, parameter):
     link, rng = LINKS[name], np.random.default_rng(0)
     noise = np.array([link.act(rng, 500, parameter) for _ in range(200)])
     assert noise.std() == pytest.approx(1.0, abs=0.02)
     correlation = np.mean(noise[:, 1:] * noise[:, :-1])
-    expected = {"first_order_noise": 0.6, "slow_noise": 0.3 * 0.88}
+    expected = {"slow_noise": 0.3 * 0.88}
     assert correlation == pytest.approx(expected.get(name, 0.0), abs=0.02)
     record = typical_noise([DrawnLink(link, parameter, ("current",))])
     white = np.convolve(record, whitening_filter(record), mode="valid")
     assert white.std() == pytest.approx(1.0, abs=0.02)
     assert max(abs(np.corrcoef(white[k:], white[: len(white) - k])[0, 1]) for k in (1, 2, 5, 10)) < 0.02
+
+
+@pytest.mark.parametrize("link", at(Place.NOISE))
+def test_noise_has_unit_variance(link):
+    rng = np.random.default_rng(0)
+    for parameter in link.plausible:
+        noise = np.array([link.act(rng, 1000, parameter) for _ in range(300)])
+        assert noise.std() == pytest.approx(1.0, abs=0.02) and abs(noise.mean()) < 0.02
 
 
 def test_hum_has_its_share_of_the_variance():
@@ -73,10 +98,8 @@ def test_hum_has_its_share_of_the_variance():
     assert np.argmax(power) == 17 and power[17] == pytest.approx(0.4, rel=0.05)
 
 
-def test_spikes_and_values_that_are_sent_when_they_change():
+def test_values_that_are_sent_when_they_change():
     rng = np.random.default_rng(1)
-    off = np.abs(LINKS["spikes"].act(rng, SAMPLES, 0.01, 2e-3) - SAMPLES)
-    assert np.mean(off > 0.0) == pytest.approx(2e-3, rel=0.3) and off[off > 0.0].min() >= 0.1 - 1e-12
     sent = LINKS["send_on_delta"].act(rng, SAMPLES, 0.01, 2.0)
     steps = np.abs(np.diff(sent))
     assert np.abs(sent - SAMPLES).max() <= 0.02 and steps[steps > 0.0].min() > 0.02
@@ -99,18 +122,19 @@ def test_a_companding_converter_is_finer_near_zero():
     assert np.abs(rounded - SAMPLES).max() < 0.05
 
 
+@pytest.mark.parametrize("link", at(Place.SAMPLES))
+def test_samples_stay_near_what_they_were(link):
+    """On the average within a few times the noise, and not all as they were."""
+    for parameter in link.plausible:
+        off = link.act(np.random.default_rng(0), SAMPLES, 0.01, parameter) - SAMPLES
+        assert 0.0 < np.sqrt(np.mean(off**2)) < 0.03 and off.shape == SAMPLES.shape
+
+
 def test_statements_of_the_noise():
     rng = np.random.default_rng(0)
     assert np.isnan(LINKS["noise_not_stated"].act(rng, 1.0))
     found = {round(LINKS["noise_of_a_data_sheet"].act(rng, 1.0), 3) for _ in range(20)}
     assert found == {round(10**-0.5, 3), round(10**0.5, 3)}
-
-
-def test_a_converter_of_twelve_bits():
-    rounded = LINKS["twelve_bits"].act(np.random.default_rng(0), SAMPLES, 0.01, 2.0)
-    step = np.diff(np.unique(rounded)).min()
-    assert step == pytest.approx(2.0 * 2.0 * np.abs(SAMPLES).max() / 4096)
-    assert np.abs(rounded - SAMPLES).max() <= 0.5 * step + 1e-12
 
 
 def test_links_of_a_chain_act_in_different_places():

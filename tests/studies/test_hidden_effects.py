@@ -25,10 +25,10 @@ from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.content import CONTENT
 from studies.hidden_effects.generators.drawing import draw
 from studies.hidden_effects.generators.hidden_case import CaseKey, Split
-from studies.hidden_effects.generators.tuning.benches import PUMP_CHANNELS
+from studies.hidden_effects.generators.varied.benches import PUMP_CHANNELS
 from studies.hidden_effects.signatures import signature_table
 
-NULL, NAMED = CaseKey("d", Split.TUNING, 8), CaseKey("d", Split.TUNING, 9)
+NULL, NAMED = CaseKey("d", Split.VARIED, 10), CaseKey("d", Split.VARIED, 11)
 SMALL = Bench(
     "short runs of a pump", PumpBench, (PistonLeakage, EntrainedAir),
     {"force_constant": 0.02, "load_orifice_area": 0.03}, PUMP_CHANNELS,
@@ -43,21 +43,21 @@ SMALL = Bench(
 def small(monkeypatch):
     """Three short runs, three effects, two uncertain parameters, and sensors without a chain."""
     library = (InverterDeadTime, CoggingForce, ForceConstantDroop)
-    content = dataclasses.replace(CONTENT[Split.TUNING], benches=(SMALL,), library=library, links=())
-    monkeypatch.setitem(drawing.CONTENT, Split.TUNING, content)
+    content = dataclasses.replace(CONTENT[Split.VARIED], benches=(SMALL,), library=library, links=())
+    monkeypatch.setitem(drawing.CONTENT, Split.VARIED, content)
 
 
 def test_the_benchmark_runs_its_methods_on_drawn_cases(small, tmp_path, capsys):
     assert [len(draw(key).truth.hidden) for key in (NULL, NAMED)] == [0, 1]
-    arguments = ["--split", "tuning", "--families", "d", "--first", str(NULL.number), "--cases", "2", "--workers", "1"]
+    arguments = ["--split", "varied", "--families", "d", "--first", str(NULL.number), "--cases", "2", "--workers", "1"]
     assert benchmark.main([*arguments, "--out", str(tmp_path), "--methods", "ours,bic,correlation"]) == 0
     line = dict(word.split("=") for word in capsys.readouterr().out.strip().splitlines()[-1].split())
     assert line["ours_in_set"] == line["ours_place"] == "1.000" and float(line["ours_median_s"]) > 0.0
     for method in ("ours", "bic", "correlation"):
         assert line[f"{method}_top1"] == line[f"{method}_adequate_on_nulls"] == "1.000", method
-    stored = json.loads((tmp_path / "tuning" / str(NAMED) / "ours.json").read_text())
+    stored = json.loads((tmp_path / "varied" / str(NAMED) / "ours.json").read_text())
     assert stored["answer_set"] == stored["named"] and 0.5 < stored["probability"] <= 1.0
-    (hidden,) = json.loads((tmp_path / "tuning" / str(NAMED) / "case.json").read_text())["hidden"]
+    (hidden,) = json.loads((tmp_path / "varied" / str(NAMED) / "case.json").read_text())["hidden"]
     assert stored["parameters"][hidden["name"]].keys() == hidden["values"].keys()
 
 

@@ -117,6 +117,7 @@ def test_answers_to_judging_cases_are_not_shown_while_they_run(asked, tmp_path, 
         (["--methods", "ours,guessing"], "no method guessing; there are ours"),
         (["--families", "z"], "invalid choice: 'z'"),
         (["--split", "judging", "--families", "b"], "no judging case of b"),
+        (["--split", "tuning", "--families", "c"], "no tuning case of c"),
     ],
 )
 def test_bad_options_are_refused(arguments, said, tmp_path, capsys):

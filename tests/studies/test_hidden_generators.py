@@ -37,6 +37,9 @@ from studies.hidden_effects.generators.visibility import VisibilityTest
 from studies.synthetic_campaign import planned_campaign
 
 DEVELOPMENT = (Split.TUNING, Split.VARIED)
+BY_NUMBER = (Split.TUNING, Split.JUDGING)
+OWN = [own for split in BY_NUMBER for own in OWN_MACHINES[split]]
+OWN_NAMES = [f"{split.value} {name}" for split in BY_NUMBER for name in ("first", "second")]
 CHANNELS = {"voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6)}
 ACTUATOR = Bench(
     "short runs of an actuator", ActuatorBench, (LugreFriction,),
@@ -69,14 +72,15 @@ def visibility(bench: Bench) -> VisibilityTest:
     return VisibilityTest(plan, machine, bench.settings)
 
 
-def test_the_judging_cases_have_what_was_asked_for():
+@pytest.mark.parametrize("split", BY_NUMBER, ids=lambda split: split.value)
+def test_the_cases_that_go_by_number_have_what_was_asked_for(split):
     """340 numbers are 100 cases of several effects and 80 of each other family; of each, some are on own machines."""
-    keys = keys_of(Split.JUDGING, [], 0, 340)
+    keys = keys_of(split, [], 0, 340)
     assert Counter(key.family for key in keys) == {"p": 100, "w": 80, "n": 80, "s": 80}
     assert len(set(map(str, keys))) == 340
     own = [key for key in keys if key.number % drawing.OWN_MACHINE_EVERY == drawing.OWN_MACHINE_EVERY // 2]
     assert len(own) >= 20 and {key.family for key in own} == {"p", "w", "n", "s"}
-    singles = keys_of(Split.JUDGING, ["s"], 0, 340)
+    singles = keys_of(split, ["s"], 0, 340)
     assert len(singles) == 80 and {key.family for key in singles} == {"s"}
 
 
@@ -90,7 +94,7 @@ def test_sizes_of_single_effects_are_wanted_evenly_in_their_logarithm():
 
 @pytest.mark.parametrize(
     ("family", "split"),
-    [(family, Split.TUNING) for family in "dfh"] + [(family, Split.JUDGING) for family in "npsw"],
+    [(family, Split.VARIED) for family in "dfh"] + [(family, Split.JUDGING) for family in "npsw"],
 )
 def test_a_case_is_drawn_from_its_key_alone(short, family, split):
     """Also from the attempt that has succeeded before."""
@@ -110,7 +114,7 @@ def test_a_case_is_drawn_from_its_key_alone(short, family, split):
     assert len(one.truth.hidden) in ((2, 3) if family == "p" else (0, 1))
 
 
-@pytest.mark.parametrize("own", OWN_MACHINES, ids=lambda own: own.benches[0].id)
+@pytest.mark.parametrize("own", OWN, ids=OWN_NAMES)
 def test_machines_of_ones_own_are_right_and_their_effects_are_no_others(own):
     (bench,) = own.benches
     check_rig(type(bench.machine()))
@@ -125,11 +129,23 @@ def test_machines_of_ones_own_are_right_and_their_effects_are_no_others(own):
     assert len(own.laws) >= 4 and len(own.unlisted) >= 4 and len(own.disturbances) >= 4
 
 
+def test_machines_of_ones_own_that_judge_are_others():
+    """They share no name of a machine, effect, law, disturbance or drift with those for development."""
+    tuning, judging = (
+        {name for own in OWN_MACHINES[split] for name in (
+            type(own.benches[0].machine()).name, own.benches[0].id, *(kind.id for kind in own.library),
+            *(item.id for item in (*own.laws, *own.unlisted, *own.disturbances, *own.drifts)))}
+        for split in BY_NUMBER
+    )  # fmt: skip
+    assert tuning and judging and not tuning & judging
+
+
 @pytest.mark.parametrize("number", [drawing.OWN_MACHINE_EVERY // 2, 18, 30, 42])
-def test_cases_of_machines_of_ones_own_name_effects_of_their_list(number):
-    (key,) = keys_of(Split.JUDGING, [], number, 1)
+@pytest.mark.parametrize("split", BY_NUMBER, ids=lambda split: split.value)
+def test_cases_of_machines_of_ones_own_name_effects_of_their_list(split, number):
+    (key,) = keys_of(split, [], number, 1)
     case = draw(key)
-    own = OWN_MACHINES[number // drawing.OWN_MACHINE_EVERY % 2]
+    own = OWN_MACHINES[split][number // drawing.OWN_MACHINE_EVERY % 2]
     assert case.own_library == case.library and set(case.library) <= set(own.library)
     assert type(case.machine) is type(own.benches[0].machine())
     assert {h.name for h in case.truth.hidden}.isdisjoint({k.id for k in case.library}) or not case.truth.withheld
@@ -137,11 +153,11 @@ def test_cases_of_machines_of_ones_own_name_effects_of_their_list(number):
 
 
 def test_a_drift_that_the_bench_cannot_have_is_left_out(short, monkeypatch):
-    drifts = tuple(d for d in CONTENT[Split.JUDGING].drifts if d.parameter in ("oil_viscosity", "force_constant"))
+    drifts = tuple(d for d in CONTENT[Split.TUNING].drifts if d.parameter in ("oil_viscosity", "force_constant"))
     assert len(drifts) == 2
-    monkeypatch.setitem(drawing.CONTENT, Split.TUNING, dataclasses.replace(CONTENT[Split.TUNING], drifts=drifts))
+    monkeypatch.setitem(drawing.CONTENT, Split.VARIED, dataclasses.replace(CONTENT[Split.VARIED], drifts=drifts))
     for number in range(3):  # the actuator has no oil
-        (first, *_) = draw(CaseKey("e", Split.TUNING, number)).settings
+        (first, *_) = draw(CaseKey("e", Split.VARIED, number)).settings
         assert first.startswith("force constant of sessions")
 
 
@@ -167,23 +183,22 @@ def test_the_benches_of_the_splits_share_no_run():
     assert tuning and varied and judging and not (tuning | varied) & judging
 
 
-def test_a_mechanism_with_other_laws_has_three_of_which_two_judge():
-    tuning, judging = (
-        Counter(law.mechanism for law in CONTENT[split].laws) for split in (Split.TUNING, Split.JUDGING)
-    )
+def test_a_mechanism_with_other_laws_has_four_of_which_two_judge():
+    tuning, judging = (Counter(law.mechanism for law in CONTENT[split].laws) for split in BY_NUMBER)
     mechanisms = tuning.keys() | judging.keys()
     assert mechanisms <= set(LIBRARY) and len(mechanisms) >= 30
     for mechanism in mechanisms:
-        assert tuning[mechanism] >= 1 and judging[mechanism] >= 2, mechanism.id
+        assert tuning[mechanism] >= 2 and judging[mechanism] >= 2, mechanism.id
     library = {kind.id for kind in LIBRARY}
     for split in Split:
         assert len(CONTENT[split].disturbances) >= 10
         for law in (*CONTENT[split].laws, *CONTENT[split].unlisted):
             assert "Source:" in law.kind.__doc__, law.id
             assert set(law.kind.confused_with) <= library, law.id
-    assert markdown(Split.JUDGING).count("\n") == 1 + sum(
-        len((*content.laws, *content.unlisted)) for content in (CONTENT[Split.JUDGING], *OWN_MACHINES)
-    )
+    for split in BY_NUMBER:
+        assert markdown(split).count("\n") == 1 + sum(
+            len((*content.laws, *content.unlisted)) for content in (CONTENT[split], *OWN_MACHINES[split])
+        )
 
 
 def test_what_parameters_and_the_usual_errors_of_a_bench_change_is_not_visible():
@@ -265,10 +280,10 @@ def test_disturbances_of_a_pump_are_not_put_into_an_actuator_alone():
 
 
 BENCHES = [(PUMP, CONTENT[split].disturbances) for split in Split]
-BENCHES += [(own.benches[0], own.disturbances) for own in OWN_MACHINES]
+BENCHES += [(own.benches[0], own.disturbances) for own in OWN]
 
 
-@pytest.mark.parametrize(("bench", "kinds"), BENCHES, ids=[*(split.value for split in Split), "first", "second"])
+@pytest.mark.parametrize(("bench", "kinds"), BENCHES, ids=[*(split.value for split in Split), *OWN_NAMES])
 def test_disturbances_leave_the_stated_share_of_the_noise_and_each_of_them_acts(bench, kinds):
     test = visibility(bench)
     for kind in kinds:
@@ -299,7 +314,7 @@ def test_an_effect_that_another_one_equals_is_not_withheld():
 
 def test_small_campaigns_are_small(short):
     for number in range(3):
-        case = draw(CaseKey("f", Split.TUNING, number))
+        case = draw(CaseKey("f", Split.VARIED, number))
         assert 2 <= len(case.campaign.runs) <= 4 and 2 <= len(case.campaign.channels) <= 3
         assert case.campaign.runs_for(Use.FIT)
         assert max(run.time[-1] for run in case.campaign.runs) <= 0.16

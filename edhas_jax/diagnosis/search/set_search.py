@@ -421,10 +421,11 @@ class SetSearch:
         places = np.array([k for k, u in enumerate(unknowns) if u.name in curve.coefficient_names])
         spread = np.full(len(places), DEVIATION_SHARE * size / curve.spread)
         found = self._weighed(of.members, of.evaluated, by_curve.model.with_prior(places, mean, spread))
-        found.law_error = math.inf  # the curve is among the unknowns
         if not is_beside:  # the parameters of the effect are no unknowns of that fit
             own = 0.5 * sum(x * x for x in effect.own_coordinates(of.evaluated.fit).values())
-        return dataclasses.replace(found, misfit=found.misfit + own, numbers=found.numbers + own)
+        misfit = found.misfit + own
+        law_error = of.law_error + max(of.misfit - misfit, 0.0)
+        return dataclasses.replace(found, misfit=misfit, numbers=found.numbers + own, law_error=law_error)
 
     def _let_compete(self) -> None:
         """Fit those sets from their other starts too that compete with the best one."""

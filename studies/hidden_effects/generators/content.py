@@ -8,9 +8,12 @@ from studies.hidden_effects.generators.benches import Bench
 from studies.hidden_effects.generators.chains import Link
 from studies.hidden_effects.generators.disturbances import Disturbance
 from studies.hidden_effects.generators.hidden_case import Split
-from studies.hidden_effects.generators.judging import first_machine, second_machine
+from studies.hidden_effects.generators.judging import first_machine as judging_first
+from studies.hidden_effects.generators.judging import second_machine as judging_second
 from studies.hidden_effects.generators.laws import Law
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
+from studies.hidden_effects.generators.tuning import first_machine as tuning_first
+from studies.hidden_effects.generators.tuning import second_machine as tuning_second
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,12 +53,16 @@ CONTENT = {
         judging.BENCHES,
     ),
 }  # fmt: skip
-# judging cases on machines of one's own, each with a list of effects of its own
-OWN_MACHINES = tuple(
-    dataclasses.replace(
-        CONTENT[Split.JUDGING], laws=rig.LAWS, unlisted=rig.UNLISTED, disturbances=rig.DISTURBANCES,
-        drifts=rig.DRIFTS,
-        benches=(rig.BENCH,), library=rig.LIBRARY,
+# of cases on machines of one's own, each with a list of effects of its own
+OWN_MACHINES = {
+    split: tuple(
+        dataclasses.replace(
+            CONTENT[split], laws=rig.LAWS, unlisted=rig.UNLISTED, disturbances=rig.DISTURBANCES, drifts=rig.DRIFTS,
+            benches=(rig.BENCH,), library=rig.LIBRARY,
+        )
+        for rig in rigs
     )
-    for rig in (first_machine, second_machine)
-)  # fmt: skip
+    for split, rigs in (
+        (Split.TUNING, (tuning_first, tuning_second)), (Split.JUDGING, (judging_first, judging_second)),
+    )
+}  # fmt: skip

@@ -19,7 +19,7 @@ from studies.hidden_effects.generators.chains import DrawnLink, draw_links, typi
 from studies.hidden_effects.generators.content import CONTENT, OWN_MACHINES
 from studies.hidden_effects.generators.disturbances import draw_disturbances
 from studies.hidden_effects.generators.hidden_case import (
-    JUDGING_ORDER,
+    ORDER,
     WITH_ANY_DIFFICULTY,
     CaseKey,
     Family,
@@ -42,14 +42,14 @@ SHARE_OF_TRIPLES = 1.0 / 3.0  # of the cases with several effects
 SHARE_OF_OTHER_LAWS = 0.5  # of the effects of a case with several or one, or of a small campaign
 SHARE_OF_UNLISTED = 0.5  # of the withheld effects
 SHARE_OF_WRONG_SHEETS = 0.6  # of the cases whose settings are off
-SHARE_AT_ONE_PLACE = 1.0 / 3.0  # of the judging cases with several effects, which act on one component
-FAULT_EVERY = 8  # single effects of judging cases, of which one is a fault of a sensor
+SHARE_AT_ONE_PLACE = 1.0 / 3.0  # of the pairs, which act on one component
+FAULT_EVERY = 8  # single effects, of which one is a fault of a sensor
 SHORTEST = 0.55  # of the duration of a run, in a small campaign
-OWN_MACHINE_EVERY = 12  # judging cases, of which one is on a machine of one's own
-LARGEST_VISIBLE = 1e5  # of single effects of judging cases, drawn evenly in its logarithm from MIN_VISIBLE on
+OWN_MACHINE_EVERY = 12  # cases that go by number, of which one is on a machine of one's own
+LARGEST_VISIBLE = 1e5  # of single effects, drawn evenly in its logarithm from MIN_VISIBLE on
 VISIBLE_BESIDE_DISTURBANCES = 3000.0  # from which these are drawn at all; with less, hardly any would be small enough
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)  # its multiples, less whole numbers, fill 0 … 1 evenly
-_SPLIT_NUMBER = {Split.TUNING: 1, Split.VARIED: 4, Split.JUDGING: 6}  # part of the seed
+_SPLIT_NUMBER = {Split.VARIED: 4, Split.TUNING: 6, Split.JUDGING: 7}  # part of the seed
 
 
 class Difficulty(enum.Enum):
@@ -100,18 +100,19 @@ class _Draw:
         self.wrong = {_OF_FAMILY.get(family)}
         if family is Family.SEVERAL:
             self.wrong = {_IN_TURN[key.number % len(_IN_TURN)]}
-        if key.split is Split.JUDGING:
+        if key.split.goes_by_number:
             turn, place = divmod(key.number, OWN_MACHINE_EVERY)
             if place == OWN_MACHINE_EVERY // 2:
-                self.content = OWN_MACHINES[turn % len(OWN_MACHINES)]
+                own = OWN_MACHINES[key.split]
+                self.content = own[turn % len(own)]
         if family in WITH_ANY_DIFFICULTY:
             shares = _SHARES.get(family, _USUAL_SHARES)
             self.wrong = {d for d, share in zip(Difficulty, shares, strict=True) if rng.uniform() < share}
             if family is Family.SINGLES:
                 singles = key.number
-                if key.split is Split.JUDGING:
-                    turn, place = divmod(key.number, len(JUDGING_ORDER))
-                    singles = turn * JUDGING_ORDER.count(key.family) + JUDGING_ORDER[:place].count(key.family)
+                if key.split.goes_by_number:
+                    turn, place = divmod(key.number, len(ORDER))
+                    singles = turn * ORDER.count(key.family) + ORDER[:place].count(key.family)
                 self.is_fault, position = singles % FAULT_EVERY == FAULT_EVERY - 1, GOLDEN * singles % 1.0
                 self.visible = MIN_VISIBLE * (LARGEST_VISIBLE / MIN_VISIBLE) ** position
                 if self.visible < VISIBLE_BESIDE_DISTURBANCES:
@@ -239,7 +240,7 @@ class _Draw:
 
     def _one_of(self, bench: Bench, laws: Sequence[Law]) -> Law:
         """One of some laws that a bench can have; checking that traces its equations, so that few are checked."""
-        if self.key.split is Split.JUDGING:
+        if self.key.split.goes_by_number:
             while not _can_have(bench, law := self._any(laws)):
                 pass
             return law

@@ -8,7 +8,6 @@ _DEGREE = 14
 _nodes = 0.5 * (1.0 + np.cos(np.pi * (np.arange(200) + 0.5) / 200))  # of x², Chebyshev
 _ATAN = np.polynomial.Polynomial.fit(_nodes, np.arctan(np.sqrt(_nodes)) / np.sqrt(_nodes), _DEGREE, domain=[0.0, 1.0])
 _COEFFICIENTS = _ATAN.convert().coef
-TRIANGLE_ROUNDING = 0.995  # of the corners of a triangle wave
 
 
 def arctan(x):
@@ -20,12 +19,6 @@ def arctan(x):
         value = value * square + float(c)
     value = small * value
     return jnp.where(x < 0.0, -1.0, 1.0) * jnp.where(size > 1.0, 0.5 * np.pi - value, value)
-
-
-def triangle(angle):
-    """A triangle wave of period 2π between −1 and 1, 0 and rising at 0, its corners slightly rounded."""
-    y = TRIANGLE_ROUNDING * jnp.sin(angle)
-    return arctan(y / jnp.sqrt(1.0 - y * y)) / np.arcsin(TRIANGLE_ROUNDING)
 
 
 def wrapped(angle):
@@ -51,8 +44,3 @@ def suction_line_drop(s, flow):
 def outlet_line_drop(s, flow):
     """Pressure [Pa] that accelerates a flow [m³/s] through the outlet line: what its resistance and the load leave."""
     return s.outlet_pressure - s.accumulator_pressure - s.outlet_line_resistance * flow - s.load_drop
-
-
-def signed_root(x, linear_below):
-    """√|x| with the sign of x, linear for |x| well below `linear_below`."""
-    return x / jnp.sqrt(jnp.sqrt(jnp.square(x) + linear_below * linear_below))

@@ -18,9 +18,14 @@ class Split(enum.Enum):
     VARIED = "varied"  # the same with laws, disturbances, chains and benches drawn at random
     JUDGING = "judging"  # to count right answers; nothing may be changed because of one of them
 
+    @property
+    def goes_by_number(self) -> bool:
+        """Whether family, size and machine of a case follow from its number, as where answers are counted."""
+        return self is not Split.VARIED
+
 
 class Family(enum.Enum):
-    """What makes a case difficult, by its letter; judging cases are of the last four."""
+    """What makes a case difficult, by its letter; where answers are counted, cases are of the last four."""
 
     OTHER_LAWS = "b"  # a mechanism of the library acts by another law
     DISTURBANCES = "c"  # effects that are not in the library, with or without one of the library
@@ -36,8 +41,8 @@ class Family(enum.Enum):
 
 
 WITH_ANY_DIFFICULTY = (Family.NULLS, Family.PAIRS, Family.SINGLES, Family.UNKNOWNS)
-# families of the judging cases in turn: of 340 cases 100 have several effects, and 80 each belong to the others
-JUDGING_ORDER = "pnswpnspwnpswnpsw"
+# families of the cases that go by number: of 340 cases 100 have several effects, and 80 each belong to the others
+ORDER = "pnswpnspwnpswnpsw"
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -53,7 +58,7 @@ class CaseKey:
 
 
 def keys_of(split: Split, families: list[str], first: int, count: int) -> list[CaseKey]:
-    """The cases of some numbers; that of each family, or of a judging case, whose family follows from its number.
+    """The cases of some numbers: one of each family, or where the family follows from the number, that one if wanted.
 
     Args:
         split: the split.
@@ -62,8 +67,8 @@ def keys_of(split: Split, families: list[str], first: int, count: int) -> list[C
         count: how many numbers.
     """
     numbers = range(first, first + count)
-    if split is Split.JUDGING:
-        keys = [CaseKey(JUDGING_ORDER[n % len(JUDGING_ORDER)], split, n) for n in numbers]
+    if split.goes_by_number:
+        keys = [CaseKey(ORDER[n % len(ORDER)], split, n) for n in numbers]
         return [key for key in keys if not families or key.family in families]
     families = families or [f.value for f in Family if f not in WITH_ANY_DIFFICULTY]
     return [CaseKey(family, split, n) for family in families for n in numbers]

@@ -30,8 +30,7 @@ def markdown(*splits: Split) -> str:
             rows += [_row(split, law) for law in CONTENT[split].laws if law.mechanism is mechanism]
     for split in splits:
         rows += [_row(split, law) for law in CONTENT[split].unlisted]
-    if Split.JUDGING in splits:
-        rows += [_row(Split.JUDGING, law) for own in OWN_MACHINES for law in (*own.laws, *own.unlisted)]
+        rows += [_row(split, law) for own in OWN_MACHINES.get(split, ()) for law in (*own.laws, *own.unlisted)]
     return "\n".join(rows)
 
 

@@ -1,115 +1,110 @@
 """Links of sensor chains, for judging."""
 
-import math
-
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from studies.hidden_effects.generators.chains import Link, Place
 
-SIDE = 0.25  # share of the lag of a lead that does not cancel it
-DECADE = 10.0
+RINGING = 0.35  # damping ratio of a tapped pressure line or of a sensor on its mount
+BURST = 25  # samples
 
 
-def _three_poles(interval, trace, time):
-    """Three equal first-order lags in a row, in steady state at the start."""
+def _from_start(trace, b, a):
+    """The trace behind a digital filter of gain 1 at rest that is in steady state at the first sample."""
+    return trace[0] + lfilter(b, a, trace - trace[0])
+
+
+def _ringing_mount(interval, trace, period):
+    """A sensor that rings with a period: poles of a damped oscillator, mapped to the grid."""
+    omega = 2.0 * np.pi / period
+    pole = np.exp(interval * omega * (-RINGING + 1j * np.sqrt(1.0 - RINGING**2)))
+    a = np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
+    return _from_start(trace, [a.sum()], a)
+
+
+def _integrating(interval, trace, time):
+    """A converter that averages over the time before each sample."""
+    share = time / interval
+    whole = int(share)
+    b = np.append(np.ones(whole + 1), share - whole)
+    return _from_start(trace, b / b.sum(), [1.0])
+
+
+def _draining(interval, trace, time):
+    """A charge amplifier that loses its charge slowly, from the start of a record on."""
     pole = np.exp(-interval / time)
-    for _ in range(3):
-        trace = trace[0] + lfilter([1.0 - pole], [1.0, -pole], trace - trace[0])
-    return trace
+    return lfilter([1.0, -1.0], [1.0, -pole], trace - trace[0]) + trace[0]
 
 
-def _compensated(interval, trace, time):
-    """A transducer whose lag is compensated with a time constant that is 25 % off: (1 + 1.25 τ s)/(1 + τ s)."""
-    pole = np.exp(-interval / time)
-    lagged = trace[0] + lfilter([1.0 - pole], [1.0, -pole], trace - trace[0])
-    return trace + SIDE * (trace - lagged)
+def _fast_clock(times, share):
+    """A recorder whose clock is slow by a share, so that it samples late."""
+    return times * (1.0 + share)
 
 
-def _smoothed(interval, trace, time):
-    """Software that smooths in both directions with a bell of this width, so that nothing is late."""
-    return gaussian_filter1d(trace, time / interval, mode="nearest")
+def _timer_ticks(times, tick):
+    """Samples at the ticks of a timer, whose time stamps are even."""
+    return tick * np.round(times / tick)
 
 
-def _buffer_overrun(times, lost):
-    """A recorder that loses a block two fifths into each record; its time stamps go on."""
-    return times + lost * (times > 0.4 * times[-1])
-
-
-def _unsteady_clock(times, size):
-    """A clock whose error wanders between time stamps, the same in all runs."""
-    return times + size * np.sin(2.0 * np.pi * 37.0 * times) * np.sin(2.0 * np.pi * 5.3 * times)
-
-
-def _heavy_tails(rng, count, share):
-    """Noise of which a share of samples is three times as large, scaled to unit standard deviation."""
-    size = np.where(rng.uniform(size=count) < share, 3.0, 1.0)
-    return size * rng.standard_normal(count) / np.sqrt(1.0 + 8.0 * share)
-
-
-def _line_noise(rng, count, share):
-    """White noise and a hum of 0.017 cycles per sample with a `share` of the variance, of any phase."""
-    hum = np.sqrt(2.0 * share) * np.sin(2.0 * np.pi * 0.017 * np.arange(count) + rng.uniform(0.0, 2.0 * np.pi))
-    return hum + np.sqrt(1.0 - share) * rng.standard_normal(count)
-
-
-def _growing_noise(rng, count, growth):
-    """Noise that grows by this factor along the record, scaled to unit standard deviation over it."""
-    size = np.linspace(1.0, 1.0 + growth, count)
-    return size * rng.standard_normal(count) / np.sqrt(np.mean(size**2))
-
-
-def _send_on_delta(rng, samples, noise, band):
-    """A transmitter that sends a value only when it has changed by a band, in units of the noise."""
-    out, sent = samples.copy(), samples[0]
-    for k, value in enumerate(samples):
-        sent = value if abs(value - sent) > band * noise else sent
-        out[k] = sent
+def _flicker(rng, count, share):
+    """White noise and flicker noise with a share of the variance: lags of 2, 10 and 50 samples together."""
+    out = np.sqrt(1.0 - share) * rng.standard_normal(count)
+    for length in (2.0, 10.0, 50.0):
+        pole = np.exp(-1.0 / length)
+        white = rng.standard_normal(count + 400) * np.sqrt((1.0 - pole**2) * share / 3.0)
+        out = out + lfilter([1.0], [1.0, -pole], white)[400:]
     return out
 
 
-def _companding(rng, samples, noise, steps):
-    """A converter whose steps grow with the value, from a share of the noise on."""
-    scale = 20.0 * noise
-    curved = np.sign(samples) * np.log1p(np.abs(samples) / scale)
-    rounded = np.round(curved * 20.0 / steps) * steps / 20.0
-    return np.sign(rounded) * scale * np.expm1(np.abs(rounded))
+def _shaped(rng, count, weight):
+    """Noise of a converter that shapes it, less at low frequency: n_k − w n_{k−1}, of unit standard deviation."""
+    white = rng.standard_normal(count + 1)
+    return (white[1:] - weight * white[:-1]) / np.sqrt(1.0 + weight**2)
 
 
-def _drifting_gain(rng, samples, noise, size):
-    """A gain that drifts along the record, within the accuracy of the sensor."""
-    return samples * (1.0 + rng.choice([-1.0, 1.0]) * size * np.linspace(-0.5, 0.5, len(samples)))
+def _bursts(rng, count, factor):
+    """Noise that is larger by a factor in a quarter of the time, as beside a relay, scaled to unit deviation."""
+    blocks = rng.uniform(size=count // BURST + 1) < 0.25
+    size = np.where(np.repeat(blocks, BURST)[:count], factor, 1.0)
+    return size * rng.standard_normal(count) / np.sqrt(0.75 + 0.25 * factor**2)
 
 
-def _sensor_hysteresis(rng, samples, noise, size):
-    """A sensor that reads lower while its signal rises, by a share of its range within the accuracy."""
-    return samples - size * np.nanmax(np.abs(samples)) * np.tanh(np.gradient(samples) / (noise + 1e-12))
+def _missing_codes(rng, samples, noise, steps):
+    """A converter that lacks every fourth of its codes, which are a few times the noise apart."""
+    code = np.round(samples / (steps * noise))
+    return np.where(code % 4 == 3, code - 1.0, code) * steps * noise
 
 
-def _not_stated(rng, value):
-    """The noise is not stated."""
-    return math.nan
+def _running_mean(rng, samples, noise, weight):
+    """Software that mixes each sample with what it had before."""
+    return _from_start(samples, [1.0 - weight], [1.0, -weight])
 
 
-def _rounded_up(rng, factor):
-    """The noise is stated as a power of ten, or another factor, of what it is."""
-    return DECADE ** rng.choice([-0.5, 0.5]) * factor
+def _curved_sensor(rng, samples, noise, size):
+    """A sensor whose curve bends, within its accuracy, and is right at zero and at the ends of its range."""
+    share = samples / np.nanmax(np.abs(samples))
+    return samples + size * np.nanmax(np.abs(samples)) * 2.6 * (share**3 - share)
+
+
+def _creeping_zero(rng, samples, noise, size):
+    """A zero that creeps along the record by a share of the range."""
+    direction = rng.choice([-1.0, 1.0])
+    return samples + direction * size * np.nanmax(np.abs(samples)) * np.linspace(0.0, 1.0, len(samples)) ** 0.5
 
 
 LINKS = (
-    Link("three_poles", Place.SIGNAL, _three_poles, (2e-5, 1.2e-4), everywhere=False),
-    Link("compensated_transducer", Place.SIGNAL, _compensated, (1e-4, 2e-3), everywhere=False),
-    Link("smoothing_software", Place.SIGNAL, _smoothed, (1e-4, 5e-4)),
-    Link("buffer_overrun", Place.CLOCK, _buffer_overrun, (5e-5, 4e-4)),
-    Link("unsteady_clock", Place.CLOCK, _unsteady_clock, (2e-5, 1.5e-4)),
-    Link("heavy_tails", Place.NOISE, _heavy_tails, (0.02, 0.15)),
-    Link("line_noise", Place.NOISE, _line_noise, (0.1, 0.5)),
-    Link("growing_noise", Place.NOISE, _growing_noise, (0.5, 3.0)),
-    Link("send_on_delta", Place.SAMPLES, _send_on_delta, (0.7, 3.0), everywhere=False),
-    Link("companding_converter", Place.SAMPLES, _companding, (0.5, 2.0), everywhere=False),
-    Link("drifting_gain", Place.SAMPLES, _drifting_gain, (1e-3, 3e-3)),
-    Link("sensor_hysteresis", Place.SAMPLES, _sensor_hysteresis, (3e-4, 1e-3), everywhere=False),
-    Link("noise_not_stated", Place.STATEMENT, _not_stated, (0.9, 1.1)),
-    Link("noise_of_a_data_sheet", Place.STATEMENT, _rounded_up, (0.7, 1.4)),
+    Link("ringing_mount", Place.SIGNAL, _ringing_mount, (2.5e-4, 1e-3), everywhere=False),
+    Link("integrating_converter", Place.SIGNAL, _integrating, (1e-4, 4e-4)),
+    Link("draining_amplifier", Place.SIGNAL, _draining, (15.0, 150.0), everywhere=False),
+    Link("fast_clock", Place.CLOCK, _fast_clock, (5e-5, 6e-4)),
+    Link("timer_ticks", Place.CLOCK, _timer_ticks, (2.3e-5, 1.3e-4)),
+    Link("flicker_noise", Place.NOISE, _flicker, (0.1, 0.6)),
+    Link("shaped_noise", Place.NOISE, _shaped, (0.3, 0.9)),
+    Link("noise_in_bursts", Place.NOISE, _bursts, (2.0, 5.0)),
+    Link("missing_codes", Place.SAMPLES, _missing_codes, (0.5, 2.5), everywhere=False),
+    Link("running_mean", Place.SAMPLES, _running_mean, (0.1, 0.4)),
+    Link("curved_sensor", Place.SAMPLES, _curved_sensor, (3e-4, 1.5e-3), everywhere=False),
+    Link("creeping_zero", Place.SAMPLES, _creeping_zero, (3e-4, 1.5e-3), everywhere=False),
+    Link("stated_peak_to_peak", Place.STATEMENT, lambda rng, factor: factor, (4.0, 6.6)),
+    Link("stated_for_the_bare_sensor", Place.STATEMENT, lambda rng, factor: factor * rng.uniform(0.7, 1.4), (0.2, 0.6)),
 )

@@ -2,92 +2,98 @@
 
 import jax.numpy as jnp
 
-from edhas_jax.machine.effects import Effect, state
-from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
+from edhas_jax.machine.effects import Effect
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
-from studies.hidden_effects.generators.places import is_chamber_b, valve_of
+from studies.hidden_effects.generators.places import valve_of
+
+
+def _turn(rate, s, phase=0.0):
+    return jnp.sin(2.0 * jnp.pi * rate * s.time + phase)
+
+
+def _pulse(s, start, width):
+    return jnp.exp(-jnp.square((s.time - start) / width))
 
 
 class JudgingDisturbances(Effect):
     """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
 
-    floor_tremor: float = size_par("N", "three slow vibrations of the floor at once")
-    tremor_rate: float = shape_par(3.1, "Hz", "the slowest of them", (2.4, 4.6))
-    tremor_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    settling_bench: float = size_par("N", "force of the weight as the bench tilts, after 0.4 s")
-    oil_puddle: float = size_par("N", "drag of an oil puddle with the cube of speed, at 0.2 m/s")
-    passing_screw: float = size_par("N", "push at one position, where a screw head is passed")
-    screw_position: float = shape_par(1e-3, "m", "this position", (-2e-3, 2.5e-3))
-    clock_leak: float = size_par("-", "share of the voltage that a clock modulates")
-    clock_rate: float = shape_par(610.0, "Hz", "its frequency", (420.0, 880.0))
-    dither: float = size_par("V", "dither of the amplifier")
-    dither_rate: float = shape_par(333.0, "Hz", "its frequency", (240.0, 390.0))
-    ground_step: float = size_par("V", "step of the ground of the amplifier")
-    step_time: float = shape_par(0.1, "s", "its time", (0.05, 0.2))
-    warm_field: float = size_par("-", "force constant that recovers after each load")
-
-    loaded = state("-", "mean square of the current over 30 ms")
+    compressor: float = size_par("N", "force of a piston compressor beside the bench, with its second order")
+    compressor_rate: float = shape_par(24.0, "Hz", "its speed", (19.0, 29.0))
+    compressor_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    slammed_door: float = size_par("N", "push by a door, within 20 ms")
+    door_time: float = shape_par(0.1, "s", "its time", (0.06, 0.18))
+    swinging_cable: float = size_par("N", "force of a cable that swings and comes to rest")
+    swing_rate: float = shape_par(7.0, "Hz", "its frequency", (5.0, 13.0))
+    guide_ledge: float = size_par("N", "force step where two parts of the guide meet")
+    ledge_position: float = shape_par(0.5e-3, "m", "its position", (-2e-3, 2e-3))
+    scale_error: float = size_par("m", "error of the position scale within its period of 0.4 mm")
+    scale_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    bridge_balance: float = size_par("-", "gain of the amplifier that differs between the signs of its voltage")
+    start_offset: float = size_par("V", "offset of the amplifier that dies out in 60 ms")
+    shared_supply: float = size_par("V", "another load that switches on and off at the supply")
+    sharing_rate: float = shape_par(11.0, "Hz", "how often", (8.0, 19.0))
 
     def coil_voltage_change(self, s, z):
-        clock = self.clock_leak * s.voltage * jnp.sin(2.0 * jnp.pi * self.clock_rate * s.time)
-        dither = self.dither * jnp.tanh(4.0 * jnp.sin(2.0 * jnp.pi * self.dither_rate * s.time))
-        return clock + dither + self.ground_step * 0.5 * (1.0 + jnp.tanh((s.time - self.step_time) / 2e-3))
+        scale = jnp.sin(2.0 * jnp.pi * s.piston_position / 0.4e-3 + self.scale_phase)
+        bridge = self.bridge_balance * jnp.sqrt(jnp.square(s.voltage) + 0.04)
+        load = self.shared_supply * jnp.tanh(6.0 * _turn(self.sharing_rate, s))
+        offset = self.start_offset * jnp.exp(-s.time / 0.06)
+        return s.position_gain * self.scale_error * scale + bridge + load + offset
 
     def mover_force(self, s, z):
-        angle = 2.0 * jnp.pi * self.tremor_rate * s.time + self.tremor_phase
-        tremor = jnp.sin(angle) + jnp.sin(2.48 * angle) + jnp.sin(4.16 * angle)
-        screw = jnp.exp(-jnp.square((s.piston_position - self.screw_position) / 0.25e-3))
-        puddle = (s.piston_velocity / 0.2) * jnp.square(s.piston_velocity / 0.2)
-        slow = self.floor_tremor * tremor + self.settling_bench * s.time / 0.4
-        return slow + self.passing_screw * screw - self.oil_puddle * puddle
-
-    def force_constant_factor(self, s, z):
-        return 1.0 - self.warm_field * z.loaded
-
-    def rates(self, s, z):
-        return {"loaded": (jnp.square(s.current / 5.0) - z.loaded) / 0.03}
+        turn = 2.0 * jnp.pi * self.compressor_rate * s.time + self.compressor_phase
+        shaking = self.compressor * (jnp.sin(turn) + 0.5 * jnp.sin(2.0 * turn))
+        swing = self.swinging_cable * jnp.exp(-s.time / 0.25) * _turn(self.swing_rate, s)
+        ledge = self.guide_ledge * jnp.tanh((s.piston_position - self.ledge_position) / 0.15e-3)
+        return shaking + swing + ledge + self.slammed_door * _pulse(s, self.door_time, 20e-3)
 
 
 class JudgingPumpDisturbances(Effect):
     """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
 
-    bubble_train: float = size_par("-", "share of the compressibility that comes and goes with bubbles")
-    bubble_rate: float = shape_par(4.0, "Hz", "their frequency", (2.5, 9.0))
-    singing_valve: float = size_par("-", "share of the flow area that a singing valve opens and closes")
-    singing_rate: float = shape_par(140.0, "Hz", "its frequency", (110.0, 230.0))
-    tight_spring: float = size_par("N", "further preload of one delivery valve")
-    loose_plug: float = size_par("m^3/s", "leakage of a plug of chamber B, at 0.5 MPa")
-    conical_bore: float = size_par("-", "relative change of the viscosity in the gap along the stroke")
+    air_slug: float = size_par("-", "share of the compressibility while a slug of air passes")
+    slug_time: float = shape_par(0.12, "s", "when", (0.06, 0.18))
+    oil_streaks: float = size_par("-", "share of the viscosity that changes with streaks of cold oil")
+    streak_rate: float = shape_par(3.5, "Hz", "their frequency", (2.2, 7.0))
+    odd_spring: float = size_par("N/m", "rate of the spring of delivery valve A beyond the others")
+    odd_seat: float = size_par("-", "relative area of suction valve B beyond the others")
+    case_whistle: float = size_par("m^3/s", "flow out of both chambers by a drain that whistles, at 0.5 MPa")
+    whistle_rate: float = shape_par(75.0, "Hz", "its frequency", (50.0, 105.0))
+    buzzing_balls: float = size_par("N", "force of a swirl that shakes the balls, at 0.1 MPa")
+    buzz_rate: float = shape_par(190.0, "Hz", "its frequency", (130.0, 260.0))
 
     def oil_compressibility(self, s, z):
-        return self.bubble_train * jnp.sin(2.0 * jnp.pi * self.bubble_rate * s.time) / s.oil_bulk_modulus
+        return self.air_slug * _pulse(s, self.slug_time, 25e-3) * jnp.square(0.2e6 / s.pressure) / s.oil_bulk_modulus
 
-    def suction_valve_area(self, s, z):
-        return self.singing_valve * s.valve_area * jnp.sin(2.0 * jnp.pi * self.singing_rate * s.time)
+    def oil_viscosity_factor(self, s, z):
+        return 1.0 + self.oil_streaks * _turn(self.streak_rate, s)
 
     def check_valve_force(self, s, z):
-        return -self.tight_spring + 0.0 * s.lift if valve_of(s) == "delivery_b" else 0.0 * s.lift
+        shaken = self.buzzing_balls * s.pressure_drop / 0.1e6 * _turn(self.buzz_rate, s)
+        return shaken - self.odd_spring * s.lift if valve_of(s) == "delivery_a" else shaken
+
+    def suction_valve_area(self, s, z):
+        return self.odd_seat * s.valve_area if valve_of(s) == "suction_b" else 0.0 * s.valve_area
 
     def chamber_leakage(self, s, z):
         over = (s.chamber_pressure - s.atmospheric_pressure) / 0.5e6
-        return self.loose_plug * over * jnp.abs(over) / (1.0 + jnp.abs(over)) if is_chamber_b(s) else 0.0 * over
-
-    def gap_viscosity_factor(self, s, z):
-        return 1.0 + self.conical_bore * jnp.tanh(s.piston_position / (0.5 * REFERENCE_TRAVEL))
+        return self.case_whistle * over * _turn(self.whistle_rate, s)
 
 
 DISTURBANCES = (
-    Disturbance(JudgingDisturbances, "floor_tremor", 0.05, ("tremor_rate", "tremor_phase")),
-    Disturbance(JudgingDisturbances, "settling_bench", 0.1),
-    Disturbance(JudgingDisturbances, "oil_puddle", 0.1),
-    Disturbance(JudgingDisturbances, "passing_screw", 0.1, ("screw_position",)),
-    Disturbance(JudgingDisturbances, "clock_leak", 0.02, ("clock_rate",)),
-    Disturbance(JudgingDisturbances, "dither", 0.2, ("dither_rate",)),
-    Disturbance(JudgingDisturbances, "ground_step", 0.05, ("step_time",)),
-    Disturbance(JudgingDisturbances, "warm_field", 0.01),
-    Disturbance(JudgingPumpDisturbances, "bubble_train", 0.1, ("bubble_rate",)),
-    Disturbance(JudgingPumpDisturbances, "singing_valve", 0.05, ("singing_rate",)),
-    Disturbance(JudgingPumpDisturbances, "tight_spring", 0.02),
-    Disturbance(JudgingPumpDisturbances, "loose_plug", 5e-9),
-    Disturbance(JudgingPumpDisturbances, "conical_bore", 0.05),
+    Disturbance(JudgingDisturbances, "compressor", 0.1, ("compressor_rate", "compressor_phase")),
+    Disturbance(JudgingDisturbances, "slammed_door", 0.2, ("door_time",)),
+    Disturbance(JudgingDisturbances, "swinging_cable", 0.1, ("swing_rate",)),
+    Disturbance(JudgingDisturbances, "guide_ledge", 0.1, ("ledge_position",)),
+    Disturbance(JudgingDisturbances, "scale_error", 1e-6, ("scale_phase",)),
+    Disturbance(JudgingDisturbances, "bridge_balance", 0.005),
+    Disturbance(JudgingDisturbances, "start_offset", 0.1),
+    Disturbance(JudgingDisturbances, "shared_supply", 0.05, ("sharing_rate",)),
+    Disturbance(JudgingPumpDisturbances, "air_slug", 1.0, ("slug_time",)),
+    Disturbance(JudgingPumpDisturbances, "oil_streaks", 0.03, ("streak_rate",)),
+    Disturbance(JudgingPumpDisturbances, "odd_spring", 10.0),
+    Disturbance(JudgingPumpDisturbances, "odd_seat", 0.05),
+    Disturbance(JudgingPumpDisturbances, "case_whistle", 1e-8, ("whistle_rate",)),
+    Disturbance(JudgingPumpDisturbances, "buzzing_balls", 0.02, ("buzz_rate",)),
 )

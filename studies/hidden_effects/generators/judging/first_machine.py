@@ -1,7 +1,6 @@
-"""A machine of one's own, for judging: a table that rests on an air spring with a damping tank, on a moving floor."""
+"""A machine of one's own, for judging: a small heated tip on a body in a case, whose voltage varies about a mean."""
 
 import functools
-import math
 
 import jax.numpy as jnp
 
@@ -10,179 +9,183 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Channel
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
-from studies.hidden_effects.generators.judging.settings import warmer_in_sessions
+from studies.hidden_effects.generators.judging.settings import cooling_room
 from studies.hidden_effects.generators.laws import law
 from studies.hidden_effects.generators.settings import RunDrift
 
-AMBIENT, GRAVITY = 101325.0, 9.81  # Pa, m/s²
-TRAVEL, RELATIVE_SPEED, DROP = 5e-3, 0.08, 4e3  # m, m/s and Pa, usual ones
+ROOM, STEFAN_BOLTZMANN = 293.15, 5.67e-8  # K, W/(m²·K⁴)
+WARM = 60.0  # K above the room, a usual temperature of the tip
 
 
-class AirTable(Rig):
-    """A table on an air spring that exchanges air with a tank through a laminar throttle; the floor moves.
+class HeatedTip(Rig):
+    """A tip that is heated, a body and a case, each at one temperature above that of the room.
 
-    m dv/dt = (p − p_0) A − d (v − w), V dp/dt = −n (p A (v − w) + p_0 Q), V_t dp_t/dt = n p_0 Q, Q = C (p − p_t), with
-    V = V_0 + A (x − f), floor f and its speed w.
+    C_1 dT_1/dt = U²/R − G_1 (T_1 − T_2) − H_1 T_1, C_2 dT_2/dt = G_1 (T_1 − T_2) − G_2 (T_2 − T_3),
+    C_3 dT_3/dt = G_2 (T_2 − T_3) − H_3 T_3, with the voltage U = U_0 + u.
 
-    Source: Erin, Wilson, Zapfe, J. Sound and Vibration 218 (1998) 81: two-chamber pneumatic isolators.
+    Source: lumped thermal networks; Incropera, DeWitt, Fundamentals of Heat and Mass Transfer.
     """
 
-    time_step, duration = 1e-3, 4.0  # s
+    time_step, duration = 5e-4, 1.2  # s
 
-    floor = drive("m", "position of the floor", 0.0)
+    swing = drive("V", "voltage of the heater above its mean", 0.0)
 
-    table_mass: float = par(60.0, "kg", (1.0, 1e4), "mass of the table")
-    table_damping: float = par(80.0, "N*s/m", (0.0, 1e5), "damping of the guides")
-    bellows_area: float = par(5e-3, "m^2", (1e-5, 1.0), "area of the spring")
-    spring_volume: float = par(6e-4, "m^3", (1e-5, 1.0), "air in the spring")
-    tank_volume: float = par(1.5e-3, "m^3", (1e-5, 1.0), "air in the tank")
-    throttle: float = par(1.2e-7, "m^3/(s*Pa)", (1e-12, 1e-3), "flow per pressure of the throttle")
-    exponent: float = par(1.3, "-", (1.0, 1.7), "exponent of the change of state")
+    mean_voltage: float = par(14.0, "V", (0.0, 1e3), "mean voltage of the heater")
+    heater_resistance: float = par(20.0, "ohm", (1e-2, 1e4), "resistance of the heater")
+    tip_capacity: float = par(0.025, "J/K", (1e-4, 1e4), "heat capacity of the tip")
+    body_capacity: float = par(0.08, "J/K", (1e-4, 1e4), "heat capacity of the body")
+    case_capacity: float = par(0.25, "J/K", (1e-4, 1e5), "heat capacity of the case")
+    tip_joint: float = par(0.6, "W/K", (1e-4, 1e4), "conductance from tip to body")
+    case_joint: float = par(0.9, "W/K", (1e-4, 1e4), "conductance from body to case")
+    tip_cooling: float = par(0.08, "W/K", (0.0, 1e3), "conductance from the tip to the room")
+    case_cooling: float = par(0.5, "W/K", (0.0, 1e3), "conductance from the case to the room")
 
-    table_position = state("m", "position of the table", 0.0)
-    table_speed = state("m/s", "speed of the table", 0.0)
-    spring_pressure = state("Pa", "pressure in the spring above that at rest", 0.0)
-    tank_pressure = state("Pa", "the same in the tank", 0.0)
-    stroke = signal("m", "table over floor")
-    stroke_speed = signal("m/s", "its rate")
-    throttle_drop = signal("Pa", "pressure drop of the throttle")
+    tip_temperature = state("K", "tip above the room", 0.0)
+    body_temperature = state("K", "body above the room", 0.0)
+    case_temperature = state("K", "case above the room", 0.0)
+    heater_voltage = signal("V", "voltage of the heater")
+    joint_drop = signal("K", "tip above the body")
 
-    table_force = slot("table", "N", "force on the table", ("stroke_speed", "stroke"), 5.0)
-    area_factor = slot("bellows", "-", "multiplies the area of the spring", "stroke", 0.05, scales=True)
-    throttle_flow = slot("throttle", "m^3/s", "further flow from spring to tank", "throttle_drop", 5e-5)
-    air_loss = slot("bellows", "m^3/s", "flow out of the spring", "spring_pressure", 2e-5)
-    tank_loss = slot("tank", "m^3/s", "flow out of the tank", "tank_pressure", 2e-5)
+    heater_factor = slot("tip", "-", "times the power", ("tip_temperature", "heater_voltage"), 0.05, scales=True)
+    tip_loss = slot("tip", "W", "further heat that the tip loses", ("tip_temperature", "heater_voltage"), 0.5)
+    joint_heat = slot("body", "W", "further heat from tip to body", ("joint_drop", "heater_voltage"), 0.5)
+    body_loss = slot("body", "W", "further heat that the body loses", ("body_temperature", "joint_drop"), 0.5)
+    case_loss = slot("case", "W", "further heat that the case loses", "case_temperature", 0.5)
 
     def equations(self, y, s):
-        """The rates of all states; sets stroke and pressure drop."""
-        s.set(stroke=y.table_position - s.floor, stroke_speed=y.table_speed - s.floor_rate,
-              throttle_drop=y.spring_pressure - y.tank_pressure)  # fmt: skip
-        rest = AMBIENT + self.table_mass * GRAVITY / self.bellows_area
-        zero = 0.0 * y.table_speed
-        area = self.bellows_area * self.area_factor.apply(1.0 + zero, s)
-        flow = self.throttle * s.throttle_drop + self.throttle_flow.apply(zero, s)
-        volume = self.spring_volume + self.bellows_area * s.stroke
-        compression = (rest + y.spring_pressure) * area * s.stroke_speed
-        force = y.spring_pressure * self.bellows_area + rest * (area - self.bellows_area)
+        """The rates of the temperatures; sets voltage and drop of the joint."""
+        zero = 0.0 * y.tip_temperature
+        s.set(heater_voltage=self.mean_voltage + s.swing + zero, joint_drop=y.tip_temperature - y.body_temperature)
+        power = jnp.square(s.heater_voltage) / self.heater_resistance * self.heater_factor.apply(1.0 + zero, s)
+        first = self.tip_joint * s.joint_drop + self.joint_heat.apply(zero, s)
+        second = self.case_joint * (y.body_temperature - y.case_temperature)
+        tip = power - first - self.tip_cooling * y.tip_temperature - self.tip_loss.apply(zero, s)
+        case = second - self.case_cooling * y.case_temperature - self.case_loss.apply(zero, s)
         return {
-            "table_position": y.table_speed,
-            "table_speed": (force - self.table_damping * s.stroke_speed + self.table_force.apply(zero, s))
-            / self.table_mass,
-            "spring_pressure": -self.exponent * (compression + rest * (flow + self.air_loss.apply(zero, s))) / volume,
-            "tank_pressure": self.exponent * rest * (flow - self.tank_loss.apply(zero, s)) / self.tank_volume,
+            "tip_temperature": tip / self.tip_capacity,
+            "body_temperature": (first - second - self.body_loss.apply(zero, s)) / self.body_capacity,
+            "case_temperature": case / self.case_capacity,
         }
 
 
-_law = functools.partial(law, rig=AirTable)
+_law = functools.partial(law, rig=HeatedTip)
 
 
-def _sign(s, width):
-    return jnp.tanh(s.stroke_speed / width)
+def _radiated(t, more=0.0):
+    """Radiation [W/m²] of a surface whose temperature is `t` above the room, with an emissivity that may grow."""
+    hot = jnp.square(jnp.square(ROOM + jnp.maximum(t, -ROOM)))
+    return STEFAN_BOLTZMANN * (hot - ROOM**4) * (1.0 + more * t)
 
 
-def _root(x, width):
-    return x / jnp.sqrt(jnp.sqrt(x * x + width * width))
-
-
-def _slip_rates(e, s, z):
-    v, r = s.stroke_speed, z.slipped
-    return {"slipped": (v - 0.6 * jnp.abs(v) * r * jnp.abs(r) - 0.4 * v * r * r) / e.slip_length}
+def _above(t, start, width):
+    return 0.5 * (t - start + jnp.sqrt(jnp.square(t - start) + width * width))
 
 
 # fmt: off
-GUIDE = _law(None, "GuideFriction", "Dry friction of the guides: −F tanh(v/4 mm/s). Source: Coulomb.",
-             {"guide_level": ("N", 0.3, 12.0)}, table_force=lambda e, s, z: -e.guide_level * _sign(s, 4e-3)).kind
-CABLES = _law(None, "CableStiffness", "Cables that hold the table: −k x. Source: statics.",
-              {"cable_rate": ("N/m", 100.0, 5000.0)}, table_force=lambda e, s, z: -e.cable_rate * s.stroke).kind
-ROLLING = _law(None, "RollingArea",
-               "A bellows whose area changes along the stroke: A (1 + a x/5 mm). Source: geometry.",
-               {"area_slope": ("-", -0.3, 0.3)},
-               area_factor=lambda e, s, z: 1.0 + e.area_slope * s.stroke / TRAVEL).kind
-BYPASS = _law(None, "ThrottleBypass", "A sharp hole beside the throttle: c √Δp. Source: Bernoulli.",
-              {"bypass_size": ("m^3/(s*Pa^0.5)", 1e-7, 2e-5)},
-              throttle_flow=lambda e, s, z: e.bypass_size * _root(s.throttle_drop, 50.0)).kind
-LEAK = _law(None, "BellowsLeak", "A porous bellows: g p, p above that at rest. Source: Darcy.",
-            {"leak_size": ("m^3/(s*Pa)", 2e-10, 2e-7)}, air_loss=lambda e, s, z: e.leak_size * s.spring_pressure).kind
+RADIATION = _law(None, "TipRadiation", "Radiation of the tip: A σ (T⁴ − T_0⁴). Source: Stefan, Boltzmann.",
+                 {"radiating_area": ("m^2", 1e-4, 1.5e-2)},
+                 tip_loss=lambda e, s, z: e.radiating_area * _radiated(s.tip_temperature)).kind
+HEATER = _law(None, "HeaterRise", "A heater whose resistance rises: power/(1 + α T). Source: resistivity of metals.",
+              {"rise_per_kelvin": ("1/K", 5e-5, 6e-3)},
+              heater_factor=lambda e, s, z: 1.0 / (1.0 + e.rise_per_kelvin * s.tip_temperature)).kind
+BUOYANCY = _law(None, "BuoyantCooling", "Free convection of the case: h T √√(T/20 K), T > 0. Source: McAdams (1954).",
+                {"buoyant_loss": ("W/K", 0.01, 0.8)}, case_loss=lambda e, s, z: e.buoyant_loss * s.case_temperature
+                * jnp.sqrt(jnp.sqrt((jnp.maximum(s.case_temperature, 0.0) + 1e-3) / 20.0))).kind
+PELTIER = _law(None, "PeltierHeat", "Heat that the current of the heater carries into the body: Π U. Source: Peltier.",
+               {"peltier_current": ("A", -0.2, 0.2)},
+               joint_heat=lambda e, s, z: e.peltier_current * s.heater_voltage).kind
+STORE = _law(None, "SlowStore", "A filling that takes up heat: G (T_2 − T_f), τ dT_f/dt = T_2 − T_f. Source: one lag.",
+             {"filling": ("W/K", 0.04, 2.0), "filling_time": ("s", 0.05, 0.5)}, states={"filled": "K"},
+             body_loss=lambda e, s, z: e.filling * (s.body_temperature - z.filled),
+             rates=lambda e, s, z: {"filled": (s.body_temperature - z.filled) / e.filling_time}).kind
 # fmt: on
-LIBRARY: tuple[type[Effect], ...] = (GUIDE, CABLES, ROLLING, BYPASS, LEAK)
+LIBRARY: tuple[type[Effect], ...] = (RADIATION, HEATER, BUOYANCY, PELTIER, STORE)
 LAWS = (
-    _law(GUIDE, "StribeckGuide", "Friction of the guides that falls with speed: −F (1 + 0.8 exp(−|v|/20 mm/s)) "
-         "tanh(v/3 mm/s). Source: Stribeck (1902).", {"guide_size": ("N", 0.3, 8.0)}, table_force=lambda e, s, z:
-         -e.guide_size * (1.0 + 0.8 * jnp.exp(-jnp.abs(s.stroke_speed) / 0.02)) * _sign(s, 3e-3)),
-    _law(CABLES, "SlackCables", "Cables that are slack up to 2 mm: −k (x − 2 mm) beyond. Source: statics.",
-         {"slack_rate": ("N/m", 300.0, 1e4)}, table_force=lambda e, s, z: -e.slack_rate
-         * (s.stroke - 2e-3 * jnp.tanh(s.stroke / 2e-3))),
-    _law(ROLLING, "BarrelArea", "A bellows with a bulge: A (1 + a exp(−(x/3 mm)²)). Source: geometry; form chosen.",
-         {"bulge": ("-", -0.2, 0.2)},
-         area_factor=lambda e, s, z: 1.0 + e.bulge * (jnp.exp(-jnp.square(s.stroke / 3e-3)) - 1.0)),
-    _law(BYPASS, "FlapBypass", "A flap that opens above 3 kPa either way: c (Δp − 3 kPa tanh(Δp/3 kPa)). "
-         "Source: flap valves; form chosen.", {"flap_size": ("m^3/(s*Pa)", 1e-8, 1e-6)},
-         throttle_flow=lambda e, s, z: e.flap_size * (s.throttle_drop - 3e3 * jnp.tanh(s.throttle_drop / 3e3))),
-    _law(LEAK, "SeamLeak", "A seam that leaks more when it is stretched: g p (1 + tanh(x/3 mm)). Source: form chosen.",
-         {"seam_size": ("m^3/(s*Pa)", 4e-10, 2e-7)},
-         air_loss=lambda e, s, z: e.seam_size * s.spring_pressure * (1.0 + jnp.tanh(s.stroke / 3e-3))),
+    _law(RADIATION, "OxidisedRadiation", "Radiation with an emissivity that grows with temperature: "
+         "A σ (T⁴ − T_0⁴) (1 + T/80 K). Source: oxidised metals; Siegel, Howell, Thermal Radiation Heat Transfer.",
+         {"dull_area": ("m^2", 1e-4, 1e-2)},
+         tip_loss=lambda e, s, z: e.dull_area * _radiated(s.tip_temperature, 1.0 / 80.0)),
+    _law(HEATER, "SwitchingHeater", "A heater whose resistance rises steeply near 60 K: power (1 − β (1 + tanh((T − "
+         "60 K)/8 K))/2). Source: PTC ceramics; form chosen.", {"switched_share": ("-", 0.01, 0.4)},
+         heater_factor=lambda e, s, z:
+         1.0 - e.switched_share * 0.5 * (1.0 + jnp.tanh((s.tip_temperature - WARM) / 8.0))),
+    _law(BUOYANCY, "OnsetCooling", "Convection of the case that sets in at 8 K: h max(T − 8 K, 0), rounded within 2 K. "
+         "Source: onset of cells; Rayleigh (1916); form chosen.", {"onset_loss": ("W/K", 0.01, 1.5)},
+         case_loss=lambda e, s, z: e.onset_loss * _above(s.case_temperature, 8.0, 2.0)),
+    _law(PELTIER, "LeadHeat", "Heat of the leads that goes into the body: k |U|³/(14 V)³. Source: Joule; a lead that "
+         "warms up; form chosen.", {"lead_power": ("W", -2.0, 2.0)}, joint_heat=lambda e, s, z: e.lead_power
+         * jnp.square(s.heater_voltage / 14.0) * jnp.sqrt(jnp.square(s.heater_voltage / 14.0) + 1e-4)),
+    _law(STORE, "SpreadStore", "A filling that heat enters slowly: lags of 40 and 300 ms. Source: conduction into "
+         "thick layers, Foster network of two.", {"layer": ("W/K", 0.02, 1.0)}, states={"near": "K", "far": "K"},
+         body_loss=lambda e, s, z: e.layer * (2.0 * s.body_temperature - z.near - z.far), rates=lambda e, s, z:
+         {"near": (s.body_temperature - z.near) / 0.04, "far": (s.body_temperature - z.far) / 0.3}),
 )  # fmt: skip
 UNLISTED = (
-    _law(None, "CordHysteresis",
-         "Hysteresis of the cords in the bellows: −F r, w dr/dt = v − 0.6 |v| r |r| − 0.4 v r². "
-         "Source: Wen (1976); Berg, Vehicle System Dynamics 30 (1998) 197, for air springs.",
-         {"cord_level": ("N", 1.0, 30.0), "slip_length": ("m", 1e-3, 6e-3)}, states={"slipped": "-"},
-         confused_with=("guide_friction", "cable_stiffness"),
-         table_force=lambda e, s, z: -e.cord_level * z.slipped, rates=_slip_rates),
-    _law(None, "PinchedThrottle", "A throttle that the table pinches: −0.6 c Δp (1 + tanh(x/2 mm))/2 (pressure × "
-         "position). Source: form chosen.", {"pinch": ("m^3/(s*Pa)", 1e-8, 1.5e-7)}, confused_with=("throttle_bypass",),
-         throttle_flow=lambda e, s, z: -0.3 * e.pinch * s.throttle_drop * (1.0 + jnp.tanh(s.stroke / 2e-3))),
-    _law(None, "CoolingTank", "Heat that the wall of the tank takes up: the pressure relaxes as if air left, "
-         "g (p_t − p_w), dp_w/dt = (p_t − p_w)/τ (memory). Source: Pourmovahed, Otis (1990).",
-         {"wall_size": ("m^3/(s*Pa)", 2e-9, 2e-7), "wall_time": ("s", 0.05, 0.6)}, states={"wall": "Pa"},
-         confused_with=("bellows_leak", "throttle_bypass"),
-         tank_loss=lambda e, s, z: e.wall_size * (s.tank_pressure - z.wall),
-         rates=lambda e, s, z: {"wall": (s.tank_pressure - z.wall) / e.wall_time}),
-    _law(None, "DryingGuides", "Friction of the guides that grows steadily: −F t/2 s tanh(v/4 mm/s) (drift). Source: "
-         "form chosen.", {"drift_level": ("N", 0.5, 12.0)}, confused_with=("guide_friction",),
-         table_force=lambda e, s, z: -e.drift_level * s.time / 2.0 * _sign(s, 4e-3)),
+    _law(None, "DryingPaste", "Paste at the tip that dries: heat q (1 − w) u, dw/dt = (1 − w) u/0.4 s, "
+         "u = max(T, 0)/60 K (memory). Source: first-order drying; Lewis (1921).",
+         {"drying_power": ("W", 0.1, 8.0)}, states={"dried": "-"}, confused_with=("tip_radiation", "heater_rise"),
+         tip_loss=lambda e, s, z: e.drying_power * (1.0 - z.dried) * jnp.maximum(s.tip_temperature, 0.0) / WARM,
+         rates=lambda e, s, z: {"dried": (1.0 - z.dried) * jnp.maximum(s.tip_temperature, 0.0) / WARM / 0.4}),
+    _law(None, "OpeningJoint", "A joint that opens as body and tip warm up: −g (T_1 − T_2) T_2/30 K (drop × "
+         "temperature). Source: thermal strain; form chosen.", {"opened": ("W/K", 5e-3, 0.3)},
+         confused_with=("peltier_heat", "slow_store"),
+         joint_heat=lambda e, s, z: -e.opened * s.joint_drop * s.body_temperature / 30.0),
+    _law(None, "AgeingHeater", "A heater whose power falls steadily: 1 − ε t/1 s (drift). Source: form chosen.",
+         {"aged": ("-", 3e-3, 0.2)}, confused_with=("heater_rise",),
+         heater_factor=lambda e, s, z: 1.0 - e.aged * s.time),
+    _law(None, "LeakingInsulation", "A current through warm insulation into the body: −k U² T_2/30 K (voltage × "
+         "temperature). Source: resistivity of ceramics; form chosen.", {"shunt": ("W/V^2", 2e-4, 0.02)},
+         confused_with=("peltier_heat", "slow_store"), body_loss=lambda e, s, z:
+         -e.shunt * jnp.square(s.heater_voltage) * s.body_temperature / 30.0),
 )  # fmt: skip
 
 
-class AirTableDisturbances(Effect, rig=AirTable):
-    """Small unlisted effects of the table; one parameter sets the size of each."""
+class HeatedTipDisturbances(Effect, rig=HeatedTip):
+    """Small unlisted effects of the tip; one parameter sets the size of each."""
 
-    footsteps: float = size_par("N", "people who walk on the table")
-    step_rate: float = shape_par(1.7, "Hz", "their steps", (1.4, 2.3))
-    step_phase: float = shape_par(0.0, "rad", "phase", PHASE)
-    pump_pulses: float = size_par("N", "pulses of a vacuum pump")
-    pulse_rate: float = shape_par(14.0, "Hz", "their frequency", (11.0, 19.0))
-    room_warming: float = size_par("m^3/s", "warming of the tank, as a flow")
-    draught: float = size_par("N", "draught, with the square of speed")
+    breeze: float = size_par("W/K", "breeze at the tip that comes and goes")
+    breeze_rate: float = shape_par(6.0, "Hz", "its frequency", (3.0, 12.0))
+    breeze_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    sunbeam: float = size_par("W", "sun on the case from some time on")
+    sunrise: float = shape_par(0.3, "s", "this time", (0.15, 0.4))
+    weak_mains: float = size_par("-", "share of the power by which the mains beat")
+    mains_beat: float = shape_par(17.0, "Hz", "their frequency", (13.0, 29.0))
+    warming_room: float = size_par("W", "heat that a warming room gives the body, after 1 s")
 
-    def table_force(self, s, z):
-        """Steps, pulses and draught [N]."""
-        steps = jnp.exp(8.0 * (jnp.cos(2.0 * jnp.pi * self.step_rate * s.time + self.step_phase) - 1.0))
-        pulses = self.pump_pulses * jnp.sin(2.0 * jnp.pi * self.pulse_rate * s.time)
-        u = s.stroke_speed / RELATIVE_SPEED
-        return self.footsteps * steps + pulses - self.draught * u * jnp.abs(u)
+    def tip_loss(self, s, z):
+        """Breeze [W]."""
+        return self.breeze * s.tip_temperature * jnp.sin(
+            2.0 * jnp.pi * self.breeze_rate * s.time + self.breeze_phase)  # fmt: skip
 
-    def tank_loss(self, s, z):
-        """Warming as a flow [m³/s]."""
-        return self.room_warming * (s.time + 0.0 * s.stroke)
+    def case_loss(self, s, z):
+        """Sun [W]."""
+        return -self.sunbeam * 0.5 * (1.0 + jnp.tanh((s.time - self.sunrise) / 0.02)) + 0.0 * s.case_temperature
+
+    def heater_factor(self, s, z):
+        """Beating mains."""
+        return 1.0 + self.weak_mains * jnp.sin(2.0 * jnp.pi * self.mains_beat * s.time)
+
+    def body_loss(self, s, z):
+        """Warming room [W]."""
+        return -self.warming_room * s.time + 0.0 * s.body_temperature
 
 
 DISTURBANCES = (
-    Disturbance(AirTableDisturbances, "footsteps", 0.5, ("step_rate", "step_phase")),
-    Disturbance(AirTableDisturbances, "pump_pulses", 0.5, ("pulse_rate",)),
-    Disturbance(AirTableDisturbances, "room_warming", 1e-6),
-    Disturbance(AirTableDisturbances, "draught", 0.3),
+    Disturbance(HeatedTipDisturbances, "breeze", 2e-3, ("breeze_rate", "breeze_phase")),
+    Disturbance(HeatedTipDisturbances, "sunbeam", 0.05, ("sunrise",)),
+    Disturbance(HeatedTipDisturbances, "weak_mains", 2e-3, ("mains_beat",)),
+    Disturbance(HeatedTipDisturbances, "warming_room", 0.05),
 )
-DRIFTS = (RunDrift("throttle warms up", "throttle", warmer_in_sessions),)
+DRIFTS = (RunDrift("heater cools down", "heater_resistance", cooling_room),)
 BENCH = Bench(
-    "air table", functools.partial(AirTable, floor=Sine(ramp_time=0.4)), (),
-    {"table_mass": 0.02, "table_damping": 0.3, "spring_volume": 0.08, "tank_volume": 0.06, "throttle": 0.2,
-     "exponent": 0.03},
-    {"stroke": Channel("mm", 1.5e-5), "table_speed": Channel("m/s", 3e-4), "spring_pressure": Channel("Pa", 25.0),
-     "tank_pressure": Channel("Pa", 25.0)},
+    "heated tip", functools.partial(HeatedTip, swing=Sine(ramp_time=0.02)), (),
+    {"heater_resistance": 0.02, "tip_capacity": 0.05, "body_capacity": 0.05, "case_capacity": 0.08, "tip_joint": 0.06,
+     "case_joint": 0.06, "tip_cooling": 0.2, "case_cooling": 0.1},
+    {"tip_temperature": Channel("K", 0.04), "body_temperature": Channel("K", 0.025),
+     "case_temperature": Channel("K", 0.02)},
     planned_runs(
-        {"frequency": 1.0, "amplitude": 1e-3},
-        ("fit", 4.0, 1.1, 2.5), ("fit", 3.2, 2.3, 1.2), ("fit", 2.6, 3.4, 2.0), ("fit", 2.4, 5.2, 2.5),
-        ("fit", 3.2, 1.7, 2.0), ("holdout", 3.0, 2.8, 1.5),
-    ), 4e-3, 1.0, step=math.ldexp(1.0, -12),
+        {"frequency": 1.0, "amplitude": 1.0, "mean_voltage": 1.0},
+        ("fit", 1.2, 1.1, 8.0, 14.0), ("fit", 1.0, 2.3, 10.0, 11.0), ("fit", 0.8, 4.1, 9.0, 18.0),
+        ("fit", 0.6, 8.3, 12.0, 15.0), ("fit", 0.9, 1.7, 6.0, 20.0), ("holdout", 0.9, 2.9, 8.0, 16.0),
+    ), 1.2e-3, 1.0, step=1e-4,
 )  # fmt: skip

@@ -13,437 +13,437 @@ from studies.hidden_effects.generators.functions import (
     suction_line_drop,
 )
 from studies.hidden_effects.generators.laws import law
+from studies.hidden_effects.generators.places import is_chamber_b
 
-ANGLE = ("rad", -math.pi, math.pi)
-GAUGE = 0.5e6  # Pa, a usual pressure of the pump
-
-
-def _power(x, exponent, width):
-    """|x|^exponent with the sign of x, linear within `width` of zero."""
-    return x * jnp.exp(0.5 * (exponent - 1.0) * jnp.log(x * x + width * width))
+TURN = ("rad", -math.pi, math.pi)
+USUAL = 0.5e6  # Pa, a usual pressure of the pump
 
 
-def _travel(s):
+def _share(s):
+    """Position over 5 mm."""
     return s.piston_position / REFERENCE_TRAVEL
 
 
-def _gap_over_pressure(e, s):
-    """Conductance of a concentric gap of 20 mm, times the pressure drop."""
-    conductance = jnp.pi * s.piston_diameter * e.gap**3 / (12.0 * s.viscosity * 20e-3)
-    return conductance * (s.chamber_pressure - s.accumulator_pressure)
+def _speed(s):
+    return jnp.abs(s.piston_velocity)
 
 
-def _bouc_wen(e, s, z):
-    v, r = s.sliding_velocity, z.bent
-    return {"bent": (v - 0.7 * jnp.abs(v) * r * jnp.abs(r) - 0.3 * v * r * r) / e.bend_length}
+def _drop(s):
+    return s.chamber_pressure - s.accumulator_pressure
 
 
-def _herschel_bulkley(e, s, z):
+def _laminar(e, s, length):
+    """Flow through a concentric gap of a length [m]."""
+    return jnp.pi * s.piston_diameter * e.slit**3 / (12.0 * s.viscosity * length) * _drop(s)
+
+
+def _engaged(s):
+    """Length [m] of the gap, which the plunger leaves as it moves back."""
+    return 9e-3 + jnp.clip(-s.piston_position if is_chamber_b(s) else s.piston_position, -6e-3, 6e-3)
+
+
+def _slip_elements(e, s, z):
     v = s.sliding_velocity
-    return e.yield_level * jnp.tanh(v / 2.5e-3) + e.consistency * _power(v / 0.1, 0.6, 0.02)
+    lengths = {"short": e.slip_length, "middle": 4.0 * e.slip_length, "long": 16.0 * e.slip_length}
+    return {n: (v - jnp.abs(v) * getattr(z, n)) / length for n, length in lengths.items()}
 
 
-def _released(e, s, z):
-    air = e.released_air * s.atmospheric_pressure / jnp.square(s.pressure)
-    return air * (1.0 + 2.5 * smooth_positive(1.0 - s.pressure / 0.25e6, 0.05))
+def _two_tanh(e, s, z):
+    v = s.sliding_velocity
+    falling = jnp.tanh(v / 2e-3) - jnp.tanh(v / 15e-3)
+    return e.dry_level * (jnp.tanh(v / 6e-3) + 0.9 * falling) + e.slope_level * v
 
 
-def _gauss(s):
-    u = (s.piston_position - 0.8e-3) / 2e-3
-    return u, jnp.exp(-u * u)
+def _wave(e, s):
+    return 2.0 * jnp.pi * s.piston_position / e.tooth_length + e.tooth_shift
 
 
-def _gauss_gradient(e, s):
-    u, bell = _gauss(s)
-    return s.coil_inductance * e.iron_share * -2.0 * u * bell / 2e-3
+def _narrow(e, s, z):
+    u = _wave(e, s)
+    return -0.8 * e.tooth_force * jnp.sin(u) / (1.3 - jnp.cos(u))
 
 
-def _cubic_gradient(e, s):
-    return 3.0 * s.coil_inductance * e.cubic_share * jnp.square(_travel(s)) / REFERENCE_TRAVEL
+def _toothed_gradient(e, s):
+    return s.coil_inductance * e.tooth_share * 2.0 * jnp.pi / 9e-3 * jnp.cos(2.0 * jnp.pi * s.piston_position / 9e-3)
 
 
-def _angle(e, s):
-    return 2.0 * jnp.pi * s.piston_position / e.wave_length + e.wave_shift
+def _entering_gradient(e, s):
+    return s.coil_inductance * e.entry_share / 1.8e-3 * (1.0 - jnp.square(jnp.tanh(s.piston_position / 1.8e-3)))
 
 
-def _beat(e, s, z):
-    u = _angle(e, s)
-    return -0.6 * e.wave_size * (jnp.sin(u) + jnp.sin(0.618 * u + e.second_shift))
+def _rippled(e, s, z):
+    i, half = s.current, 0.7
+    return -e.rail_loss * (jnp.sqrt(jnp.square(i + half) + 0.01) - jnp.sqrt(jnp.square(i - half) + 0.01)) / (2.0 * half)
 
 
-def _logarithmic_drag(e, s, z):
-    v = s.piston_velocity
-    return -e.drag_size * e.drag_speed * jnp.log(1.0 + jnp.abs(v) / e.drag_speed) * jnp.where(v < 0.0, -1.0, 1.0)
+def _pade(e, s, z):
+    """Delay τ as (12 − 6 p + p²)/(12 + 6 p + p²), p = s τ, with states per τ."""
+    t = e.dead_interval
+    return {"part": z.slope / t, "slope": (12.0 * (s.voltage - z.part) - 6.0 * z.slope) / t}
 
 
-def _warm_drag_rates(e, s, z):
-    return {"warmth": jnp.square(s.piston_velocity / 0.2) / 0.06 - z.warmth / 0.4}
+def _slewing(e, s, z):
+    ahead = s.voltage - z.behind
+    return {"behind": ahead / (e.small_time * jnp.sqrt(1.0 + jnp.square(ahead / 1.5)))}
 
 
-def _shockley(e, s, z):
-    i = s.current
-    return -e.diode_drop * jnp.log(1.0 + jnp.abs(i) / 0.03) / math.log(101.0) * jnp.tanh(i / 0.02)
+def _network(e, s, z):
+    loss, times = s.resistance * jnp.square(s.current), {"film": 8e-3, "wire": 50e-3, "former": 0.3}
+    return {n: (e.heat_gain * 0.3 * loss - getattr(z, n)) / time for n, time in times.items()}
 
 
-def _one_way(e, s, z):
-    ahead = s.voltage - z.follower
-    return {"follower": ahead / (e.rise_time * (1.6 - 0.6 * jnp.tanh(ahead / 0.5)))}
+def _filled_play(e, s, z):
+    d, half = s.coupling_deflection, 0.5 * e.key_play
+    return 1e6 * (d - jnp.clip(d, -half, half)) + 400.0 * s.coupling_velocity
 
 
-def _scored(e, s, z):
-    x = s.sliding_position
-    zones = jnp.exp(-jnp.square((x - 2.4e-3) / 0.5e-3)) + 0.6 * jnp.exp(-jnp.square((x + 1.7e-3) / 0.5e-3))
-    return e.scored_size * zones * smooth_sign(s.sliding_velocity)
+def _sprung_play(e, s, z):
+    d, half = s.coupling_deflection, 0.5 * e.key_play
+    return 0.8e5 * d + 1e6 * (d - jnp.clip(d, -half, half)) + 20.0 * s.coupling_velocity
 
 
-def _exponential_seal(e, s, z):
-    pressed = sum(0.6e6 * (jnp.exp(p / 0.6e6) - 1.0) for p in gauge_pressures(s))
-    return e.lip_size * s.piston_area * pressed * smooth_sign(s.sliding_velocity)
+def _stefan(e, s, z):
+    height = 1.0 + jnp.maximum(s.lift, 0.0) / 15e-6
+    return -e.squeeze_force * smooth_positive(s.lift_velocity, 1e-4) / 10e-3 / (height * height * height)
 
 
-def _hydrodynamic_seal(e, s, z):
-    v, pressure = s.sliding_velocity, sum(gauge_pressures(s))
-    return e.lip_size * s.piston_area * pressure * v / (jnp.abs(v) + 0.06)
+def _meniscus(e, s, z):
+    left = jnp.clip(1.0 - s.lift / 45e-6, 0.0, 1.0)
+    return -e.neck_force * left * left * (3.0 - 2.0 * left) * 0.5 * (1.0 + jnp.tanh(s.lift_velocity / 3e-4))
 
 
-def _rubber_contact(e, s, z):
-    d = s.coupling_deflection
-    depth = jnp.clip(jnp.abs(d) - 0.5 * e.slot_play, 0.0, 150e-6)
-    direction = jnp.where(d > 0.0, 1.0, -1.0)
-    force = 15.0 * (jnp.exp(depth / 20e-6) - 1.0) + 15.0 * direction * s.coupling_velocity
-    return direction * jnp.where(depth > 0.0, jnp.maximum(force, 0.0), 0.0)
+def _soft_seat(e, s, z):
+    return e.gap_area / (1.0 + jnp.abs(s.pressure_drop) / 0.12e6)
 
 
-def _worn_play(e, s, z):
-    d = s.coupling_deflection
-    depth = jnp.abs(d) - 0.5 * e.slot_play * (1.0 + 0.7 * jnp.tanh(_travel(s)))
-    direction = jnp.where(d > 0.0, 1.0, -1.0)
-    force = 1e6 * depth + 20.0 * s.coupling_velocity * direction
-    return direction * jnp.where(depth > 0.0, jnp.maximum(force, 0.0), 0.0)
+def _washed_out(e, s, z):
+    return e.gap_area * (0.15 + 0.85 * jnp.exp(-s.time / 0.12))
 
 
-def _reattached(e, s, z):
-    bell = jnp.exp(-jnp.square((s.lift - 0.25e-3) / 0.12e-3))
-    return -e.jet_size * s.valve_area * s.pressure_drop * (1.0 - 0.9 * bell)
+def _redissolving(e, s, z):
+    kept = 1.0 / (1.0 + jnp.maximum(s.outlet_pressure - s.atmospheric_pressure, 0.0) / USUAL)
+    return {"gone": (1.0 - kept - z.gone) / 40e-3}
 
 
-def _turning_ball(e, s, z):
-    return e.mark_area * (1.0 + 0.8 * jnp.sin(2.0 * jnp.pi * e.ball_turns * s.time + e.ball_start))
+def _walther(e, s, z):
+    nu = 46.0  # mm²/s at 40 °C
+    power = jnp.exp(-e.walther_slope * jnp.log(s.oil_temperature / 313.15))
+    return (jnp.exp(power * math.log(nu + 0.7)) - 0.7) / nu
 
 
-def _pressed_open(e, s, z):
-    return e.mark_area * (0.4 + jnp.abs(s.pressure_drop) / 0.4e6)
-
-
-def _one_sided_loss(e, flow):
-    return e.forward_loss * (1.0 + 0.6 * jnp.tanh(flow / 1e-5))
-
-
-def _gauge_head(s):
-    return jnp.maximum(s.head_pressure - s.atmospheric_pressure, 0.0)
-
-
-def _mean_gap(s):
+def _gap_mean(s):
     return 0.5 * jnp.maximum(s.chamber_pressure + s.accumulator_pressure, 0.0)
 
 
-MARKS = {"mark_area": ("m^2", 1e-9, 3e-7)}
-TURNING = MARKS | {"ball_turns": ("Hz", 3.0, 9.0), "ball_start": ANGLE}
-TURNING_TEXT = ("A scratched ball of the {} valves that turns slowly: A (1 + 0.8 sin(2π f t + φ)). "
-                "Source: seat balls that turn under uneven flow, which evens their wear; form chosen.")  # fmt: skip
-OPENED_TEXT = ("A crack in the seat of the {} valves that pressure opens: A (0.4 + |Δp|/0.4 MPa). "
-               "Source: elastic opening of a crack, linear fracture mechanics (Sneddon 1946).")  # fmt: skip
-LINE = {"line_mass": ("kg/m^4", 1e6, 5e7)}
+def _side(s, name):
+    return jnp.maximum(getattr(s, name) - s.atmospheric_pressure, 0.0)
+
+
+def _gas_load(e, s, z):
+    share = jnp.clip(s.cylinder_position / 32e-3, -0.5, 0.8)
+    return -e.gas_rate * 32e-3 / 1.2 * (jnp.exp(-1.2 * jnp.log(1.0 - share)) - 1.0)
+
+
+def _trailing(where, drop):
+    """The terms of a line with inertia whose core follows late, `where` "outlet" or "suction"."""
+    return {
+        "states": {"column": "m^3/s", "core": "m^3/s"}, f"{where}_line_flow": lambda e, s, z: z.column,
+        f"{where}_line_resistance": lambda e, s, z: 2.5 * e.wall_loss, "rates": lambda e, s, z:
+        {"column": (drop(s, z.column) + 1.5 * e.wall_loss * z.core) / e.column_mass,
+         "core": (z.column - z.core) / 4e-3},
+    }  # fmt: skip
+
+
+def _easing(where, drop):
+    """The terms of a line with inertia whose oil thins."""
+    return {
+        "states": {"column": "m^3/s"}, f"{where}_line_flow": lambda e, s, z: z.column,
+        f"{where}_line_resistance": lambda e, s, z: e.wall_loss / (1.0 + jnp.abs(z.column) / 8e-6),
+        "rates": lambda e, s, z: {"column": drop(s, z.column) / e.column_mass},
+    }  # fmt: skip
+
+
+COLUMN = {"column_mass": ("kg/m^4", 1e6, 5e7)}
+SEAT = {"gap_area": ("m^2", 2e-9, 3e-7)}
+SOFT_TEXT = ("A soft seat of the {} valves that pressure closes: A/(1 + |Δp|/0.12 MPa). "
+             "Source: elastic seats of valves, contact stress that grows with pressure; form chosen.")  # fmt: skip
+CHIP_TEXT = ("A chip in the seat of the {} valves that is washed out: A (0.15 + 0.85 exp(−t/0.12 s)). "
+             "Source: contamination of seat valves; form chosen.")  # fmt: skip
+TRAIL_TEXT = ("A {} with inertia and a core that follows late: I dQ/dt = Δp − R (Q + 1.5 (Q − Q_c)), 4 ms dQ_c/dt "
+              "= Q − Q_c. Source: frequency-dependent friction after Zielke, J. Basic Eng. 90 (1968) 109.")  # fmt: skip
+EASE_TEXT = ("A {} with inertia and oil that thins as it is sheared: I dQ/dt = Δp − R Q/(1 + |Q|/0.48 L/min). "
+             "Source: shear thinning of oils with polymers; Cross, J. Colloid Science 20 (1965) 417.")  # fmt: skip
 LAWS = (
-    law(library.LugreFriction, "BoucWenFriction",
-        "Hysteretic friction: F r, δ dr/dt = v − 0.7 |v| r |r| − 0.3 v r². Source: Wen, J. Eng. Mech. Div. ASCE 102 "
-        "(1976) 249, exponent 2.", {"bend_level": ("N", 2.0, 10.0), "bend_length": ("m", 30e-6, 400e-6)},
-        states={"bent": "-"}, mover_friction=lambda e, s, z: e.bend_level * z.bent, rates=_bouc_wen),
-    law(library.LugreFriction, "GreaseFriction",
-        "Friction of a grease with a yield stress: F_y tanh(v/2.5 mm/s) + K (v/0.1 m/s)^0.6. "
-        "Source: Herschel, Bulkley, Kolloid-Z. 39 (1926) 291.",
-        {"yield_level": ("N", 1.5, 8.0), "consistency": ("N", 0.5, 4.0)}, mover_friction=_herschel_bulkley),
-    law(library.PistonLeakage, "EntranceLossLeakage", "Gap flow with the loss of a sharp entrance: laminar at small, "
-        "∝ √Δp at large pressure drops; 2 k Δp/(1 + √(1 + |Δp|/0.12 MPa)). "
-        "Source: Shah, London, Laminar Flow Forced Convection in Ducts (1978), developing flow.",
-        {"gap": ("m", 14e-6, 40e-6)}, chamber_leakage=lambda e, s, z: 2.0 * _gap_over_pressure(e, s)
-        / (1.0 + jnp.sqrt(1.0 + jnp.abs(s.chamber_pressure - s.accumulator_pressure) / 0.12e6))),
-    law(library.PistonLeakage, "CentringLeakage", "Leakage past a plunger that the oil film centres at speed: "
-        "k Δp (1 + 1.5/(1 + |v|/60 mm/s)²). Source: eccentric gaps, Blackburn, Reethof, Shearer (1960); "
-        "film of Reynolds (1886); the change is chosen.", {"gap": ("m", 12e-6, 35e-6)},
-        chamber_leakage=lambda e, s, z: _gap_over_pressure(e, s)
-        * (1.0 + 1.5 / jnp.square(1.0 + jnp.abs(s.plunger_velocity) / 0.06))),
-    law(library.EntrainedAir, "ReleasedAir", "Air of which more is released below 0.25 MPa: "
-        "α p_atm/p² (1 + 2.5 max(1 − p/0.25 MPa, 0)). Source: Henry's law; Zhou, Vacca, Manhartsgruber, "
-        "J. Fluids Eng. 135 (2013) 091101, for the release below saturation.", {"released_air": ("-", 0.002, 0.015)},
-        oil_gas=lambda e, s, z: e.released_air * s.atmospheric_pressure, oil_compressibility=_released),
-    law(library.EntrainedAir, "VanishingAir",
-        "Air that dissolves exponentially: α p_atm/p² exp(−(p − p_atm)/0.35 MPa). "
-        "Source: exponential approach to saturation; LMS Imagine HYD models describe it; form chosen.",
-        {"vanishing_air": ("-", 0.003, 0.02)}, oil_gas=lambda e, s, z: e.vanishing_air * s.atmospheric_pressure,
-        oil_compressibility=lambda e, s, z: e.vanishing_air * s.atmospheric_pressure / jnp.square(s.pressure)
-        * jnp.exp(-jnp.maximum(s.pressure - s.atmospheric_pressure, 0.0) / 0.35e6)),
-    law(library.KarnoppFriction, "DwellCylinderFriction", "Friction of the cylinder that grows while it hardly moves: "
-        "F (0.8 + 0.6 w) tanh(v/1 mm/s), 60 ms dw/dt = exp(−(v/4 mm/s)²) − w. "
-        "Source: Gonthier, McPhee, Lange, Piedboeuf, Multibody System Dynamics 11 (2004) 209.",
-        {"dwell_level": ("N", 3.0, 80.0)}, states={"rest": "-"}, cylinder_friction_force=lambda e, s, z:
-        (e.dwell_level * (0.8 + 0.6 * z.rest) + s.cylinder_friction_level) * jnp.tanh(s.cylinder_velocity / 1e-3),
-        rates=lambda e, s, z: {"rest": (jnp.exp(-jnp.square(s.cylinder_velocity / 4e-3)) - z.rest) / 0.06}),
-    law(library.KarnoppFriction, "GreasedCylinder", "Friction of the cylinder with a grease: "
-        "F (tanh(v/0.8 mm/s) + 0.6 (v/0.1 m/s)^0.5). Source: Herschel, Bulkley, Kolloid-Z. 39 (1926) 291.",
-        {"greased_level": ("N", 3.0, 60.0)}, cylinder_friction_force=lambda e, s, z: s.cylinder_friction_level
-        * jnp.tanh(s.cylinder_velocity / 0.8e-3) + e.greased_level
-        * (jnp.tanh(s.cylinder_velocity / 0.8e-3) + 0.6 * _power(s.cylinder_velocity / 0.1, 0.5, 0.02))),
-    law(library.ForceConstantDroop, "OneEndDroop", "A force constant that falls beyond −1 mm only: "
-        "Km (1 − κ (max(x + 1 mm, 0)/x_m)²). Source: a coil that leaves the field at one end; geometry.",
-        {"end_loss": ("-", 0.02, 0.25)}, force_constant_factor=lambda e, s, z:
-        1.0 - e.end_loss * jnp.square(jnp.maximum(s.piston_position + 1e-3, 0.0) / REFERENCE_TRAVEL)),
-    law(library.ForceConstantDroop, "FringeDroop", "A force constant like a bell: Km (1 − κ (1 − exp(−(x/2.2 mm)²))). "
-        "Source: fringing of a short gap, Gaussian approximation; Leupold, Permanent Magnet Devices (1996).",
-        {"fringe_loss": ("-", 0.02, 0.2)}, force_constant_factor=lambda e, s, z:
-        1.0 - e.fringe_loss * (1.0 - jnp.exp(-jnp.square(s.piston_position / 2.2e-3)))),
-    law(library.MagneticSaturation, "ExponentialSaturation", "Saturation by an exponential magnetisation curve: "
-        "F_e = Km i (1 − exp(−u))/u, u = b |i|. Source: Macfadyen, Simpson, Slater, Wood, Proc. IEE 120 (1973) 902.",
-        {"curve_slope": ("1/A", 0.004, 0.2)}, motor_force_factor=lambda e, s, z:
-        (1.0 - jnp.exp(-e.curve_slope * jnp.abs(s.current) - 1e-6)) / (e.curve_slope * jnp.abs(s.current) + 1e-6)),
-    law(library.MagneticSaturation, "DiffusingSaturation", "Saturation that follows the current late: "
-        "F_e = Km i/(1 + b m²), 5 ms dm/dt = |i| − m. Source: magnetic diffusion into solid poles; Stoll, The Analysis "
-        "of Eddy Currents (1974), one time constant.", {"late_square": ("1/A^2", 0.0005, 0.03)}, states={"soaked": "A"},
-        motor_force_factor=lambda e, s, z: 1.0 / (1.0 + e.late_square * jnp.square(z.soaked)),
-        rates=lambda e, s, z: {"soaked": (jnp.abs(s.current) - z.soaked) / 5e-3}),
-    law(library.ReluctanceForce, "IronPieceInductance", "An inductance with a peak where the coil passes a piece of "
-        "iron: L (1 + λ exp(−((x − 0.8 mm)/2 mm)²)), with its force and voltage. "
-        "Source: magnetic co-energy; the shape is chosen.", {"iron_share": ("-", 0.03, 0.4)},
-        coil_inductance_factor=lambda e, s, z: 1.0 + e.iron_share * _gauss(s)[1],
-        coil_voltage_change=lambda e, s, z: -s.current * s.piston_velocity * _gauss_gradient(e, s),
-        mover_force=lambda e, s, z: 0.5 * jnp.square(s.current) * _gauss_gradient(e, s)),
-    law(library.ReluctanceForce, "CubicInductance", "An inductance with the cube of the position: L (1 + λ (x/x_m)³), "
-        "with its force and voltage. Source: power series of voice coils; Klippel, J. Audio Eng. Soc. 54 (2006) 907.",
-        {"cubic_share": ("-", -0.5, 0.5)}, coil_inductance_factor=lambda e, s, z: 1.0 + e.cubic_share * _travel(s) ** 3,
-        coil_voltage_change=lambda e, s, z: -s.current * s.piston_velocity * _cubic_gradient(e, s),
-        mover_force=lambda e, s, z: 0.5 * jnp.square(s.current) * _cubic_gradient(e, s)),
-    law(library.CoggingForce, "LeaningCogging", "Cogging whose waves lean to one side: −A sin(u + 0.7 sin u). Source: "
-        "skewed teeth under load; Bianchi, Bolognani, IEEE Trans. Ind. Appl. 38 (2002) 1259; form chosen.",
-        {"wave_size": ("N", 0.2, 5.0), "wave_length": ("m", 3e-3, 15e-3), "wave_shift": ANGLE},
-        mover_force=lambda e, s, z: -e.wave_size * jnp.sin(_angle(e, s) + 0.7 * jnp.sin(_angle(e, s)))),
-    law(library.CoggingForce, "BeatingCogging", "Cogging of two pitches whose ratio is 0.618: "
-        "−0.6 A (sin u + sin(0.618 u + ψ)). Source: slot and end effects of different pitch; Zhu, Xia, Howe, Jewell, "
-        "IEEE Trans. Magn. 33 (1997) 4175.",
-        {"wave_size": ("N", 0.2, 5.0), "wave_length": ("m", 2.5e-3, 10e-3), "wave_shift": ANGLE, "second_shift": ANGLE},
-        mover_force=_beat),
-    law(library.EddyDrag, "LogarithmicDrag", "Eddy drag that grows with the logarithm of speed: "
-        "−c v_e ln(1 + |v|/v_e) sgn v. Source: empirical curve of thick brake discs; form chosen.",
-        {"drag_size": ("N*s/m", 1.0, 40.0), "drag_speed": ("m/s", 0.03, 0.4)}, mover_force=_logarithmic_drag),
-    law(library.EddyDrag, "WarmingDrag", "Eddy drag of a conductor that heats up and conducts less: −c v/(1 + w), "
-        "dw/dt = (v/0.2 m/s)²/60 ms − w/0.4 s. Source: Joule's law, and resistivity linear in temperature.",
-        {"drag_size": ("N*s/m", 1.5, 50.0)}, states={"warmth": "-"},
-        mover_force=lambda e, s, z: -e.drag_size * s.piston_velocity / (1.0 + z.warmth), rates=_warm_drag_rates),
-    law(library.InverterDeadTime, "PulseDroppingDeadTime", "Dead time that acts less at large command: "
-        "−V tanh(i/50 mA) (1 − 0.7 |u|/(|u| + 5 V)). Source: pulses shorter than the dead time are dropped; "
-        "Leggate, Kerkman, IEEE Trans. Ind. Electron. 44 (1997) 191; form chosen.", {"pulse_loss": ("V", 0.3, 4.0)},
-        coil_voltage_change=lambda e, s, z: -e.pulse_loss * jnp.tanh(s.current / 0.05)
-        * (1.0 - 0.7 * jnp.abs(s.voltage) / (jnp.abs(s.voltage) + 5.0))),
-    law(library.InverterDeadTime, "DiodeDrop", "Drop of the free-wheeling diodes: −V ln(1 + |i|/30 mA)/ln(101) sgn i. "
-        "Source: Shockley, Bell System Tech. J. 28 (1949) 435.", {"diode_drop": ("V", 0.2, 3.0)},
-        coil_voltage_change=_shockley),
-    law(library.SupplySag, "BatterySag", "A battery as supply: R (0.5 |i| + w), 40 ms dw/dt = 0.5 |i| − w. "
-        "Source: Randles, Discuss. Faraday Soc. 1 (1947) 11: resistance and one charge transfer.",
-        {"cell_resistance": ("ohm", 0.1, 2.0)}, states={"polarised": "A"}, supply_voltage_change=lambda e, s, z:
-        -jnp.minimum(e.cell_resistance * (0.5 * jnp.abs(s.current) + z.polarised), s.supply_voltage),
-        rates=lambda e, s, z: {"polarised": (0.5 * jnp.abs(s.current) - z.polarised) / 0.04}),
-    law(library.SupplySag, "FoldingSupply", "A supply that folds back at about 3 A: U/(1 + exp(−(|i| − 3 A)/0.5 A)). "
-        "Source: foldback limiting of linear regulators; Horowitz, Hill, The Art of Electronics; form chosen.",
-        {"fold": ("V", 0.5, 10.0)}, supply_voltage_change=lambda e, s, z:
-        -jnp.minimum(e.fold * 0.5 * (1.0 + jnp.tanh((jnp.abs(s.current) - 3.0) / 1.0)), s.supply_voltage)),
-    law(library.AmplifierLag, "LoadedAmplifier", "An amplifier that is slower under load: du_a/dt = (u − u_a)/τ', "
-        "τ' = τ (0.4 + |i|/2 A). Source: output choke and finite open-loop gain; Sedra, Smith, Microelectronic "
-        "Circuits.", {"unloaded_time": ("s", 0.05e-3, 1.5e-3)}, states={"output": "V"},
-        coil_voltage_change=lambda e, s, z: z.output - s.voltage, rates=lambda e, s, z:
-        {"output": (s.voltage - z.output) / (e.unloaded_time * (0.4 + jnp.abs(s.current) / 2.0))}),
-    law(library.AmplifierLag, "OneWayAmplifier", "An amplifier whose output falls more slowly than it rises: "
-        "du_a/dt = d/(τ (1.6 − 0.6 tanh(d/0.5 V))), d = u − u_a. Source: an output stage that sources more than it "
-        "sinks; Horowitz, Hill; form chosen.", {"rise_time": ("s", 0.05e-3, 1.5e-3)}, states={"follower": "V"},
-        coil_voltage_change=lambda e, s, z: z.follower - s.voltage, rates=_one_way),
-    law(library.CoilHeating, "JointHeating", "A joint of the coil whose resistance rises with the square of its heat: "
-        "R (1 + s (ϑ/5 K)²), dϑ/dt = R i²/(2 J/K) − ϑ/0.5 s. Source: PTC behaviour of a poor joint; form chosen.",
-        {"joint_rise": ("-", 0.02, 0.6)}, states={"heat": "K"},
-        coil_resistance_factor=lambda e, s, z: 1.0 + e.joint_rise * jnp.square(z.heat / 5.0),
-        rates=lambda e, s, z: {"heat": s.resistance * jnp.square(s.current) / 2.0 - z.heat / 0.5}),
-    law(library.CoilHeating, "InsulatedHeating", "Heating that the winding shows late: R (1 + 0.0039 ϑ), 50 ms dϑ/dt = "
-        "ϑ_i − ϑ, dϑ_i/dt = q R i² − ϑ_i/2 s. Source: two thermal masses in series; form chosen.",
-        {"heat_up": ("K/J", 0.03, 1.0)}, states={"inner": "K", "outer": "K"},
-        coil_resistance_factor=lambda e, s, z: 1.0 + 0.0039 * z.outer, rates=lambda e, s, z:
-        {"inner": e.heat_up * s.resistance * jnp.square(s.current) - z.inner / 2.0, 
-         "outer": (z.inner - z.outer) / 0.05}),
-    law(library.ConstantBiasForce, "SettingBias", "A pull that travel works off: −F (0.4 + 0.6 exp(−w/60 mm)), "
-        "dw/dt = |v|, either sign. Source: set of a preloaded seal; the length is chosen.",
-        {"pull": ("N", -5.0, 5.0)}, states={"way": "m"},
-        mover_force=lambda e, s, z: -e.pull * (0.4 + 0.6 * jnp.exp(-z.way / 0.06)),
-        rates=lambda e, s, z: {"way": jnp.abs(s.piston_velocity)}),
-    law(library.ConstantBiasForce, "MagnetisedBias", "The pull of iron that the coil magnetises a little: "
-        "−F (1 + 0.35 tanh(i/1 A)), either sign. Source: remanence of soft iron; Bozorth, Ferromagnetism (1951).",
-        {"pull": ("N", -5.0, 5.0)}, mover_force=lambda e, s, z: -e.pull * (1.0 + 0.35 * jnp.tanh(s.current / 1.0))),
-    law(library.ParasiticSpring, "BuckledSpring", "A flexure near buckling: −k x (1 − 0.8/√(1 + (x/2.5 mm)²)). "
-        "Source: von Mises' truss, ZAMM 3 (1923) 406.", {"flexure_rate": ("N/m", 100.0, 5000.0)},
-        mover_force=lambda e, s, z: -e.flexure_rate * s.piston_position
-        * (1.0 - 0.8 / jnp.sqrt(1.0 + jnp.square(s.piston_position / 2.5e-3)))),
-    law(library.ParasiticSpring, "TendonSpring",
-        "A spring that stiffens exponentially: −k x_0 sinh(x/x_0), x_0 = 1.6 mm. "
-        "Source: Fung, Am. J. Physiology 213 (1967) 1532.", {"flexure_rate": ("N/m", 30.0, 2000.0)},
-        mover_force=lambda e, s, z: -e.flexure_rate * 0.8e-3
-        * (jnp.exp(s.piston_position / 1.6e-3) - jnp.exp(-s.piston_position / 1.6e-3))),
-    law(library.AsymmetricFriction, "PressedLip", "Friction of the forward stroke that chamber A presses on: "
-        "F_a (0.3 + p_A/0.5 MPa) max(th(v), 0). Source: pressure-energised lips; Nau, Tribology Int. 32 (1999) 463.",
-        {"lip_level": ("N", 0.3, 5.0)}, mover_friction=lambda e, s, z: e.lip_level
-        * (0.3 + gauge_pressures(s)[0] / GAUGE) * jnp.maximum(smooth_sign(s.sliding_velocity), 0.0)),
-    law(library.AsymmetricFriction, "RunningInFriction", "Friction of the forward stroke that falls after the start: "
-        "F_a (0.3 + 0.7 exp(−t/0.15 s)) max(th(v), 0). Source: running-in of lips; Blau, Wear 38 (2005) 1007.",
-        {"lip_level": ("N", 0.4, 6.0)}, mover_friction=lambda e, s, z: e.lip_level
-        * (0.3 + 0.7 * jnp.exp(-s.time / 0.15)) * jnp.maximum(smooth_sign(s.sliding_velocity), 0.0)),
-    law(library.AsymmetricDamping, "WavyDamping", "Viscous friction that differs between the directions along a wavy "
-        "guide: −c |v| (1 + 0.6 cos(2π x/4 mm)). Source: Reynolds film over a wavy surface; form chosen.",
-        {"guide_size": ("N*s/m", -60.0, 60.0)}, mover_force=lambda e, s, z: -e.guide_size * jnp.abs(s.piston_velocity)
-        * (1.0 + 0.6 * jnp.cos(2.0 * jnp.pi * s.piston_position / 4e-3))),
-    law(library.AsymmetricDamping, "LoadedGuideDamping", "Viscous friction that differs between the directions under "
-        "load: −c |v| (0.2 + 2 i²/(i² + (3 A)²)). Source: side pull of the motor on its guide; form chosen.",
-        {"guide_size": ("N*s/m", -60.0, 60.0)}, mover_force=lambda e, s, z: -e.guide_size * jnp.abs(s.piston_velocity)
-        * (0.2 + 2.0 * jnp.square(s.current) / (jnp.square(s.current) + 9.0))),
-    law(library.StrokeDependentFriction, "ScoredFriction", "Dry friction in two scored zones, at 2.4 mm and −1.7 mm. "
-        "Source: scoring near the ends of a bore; form chosen.", {"scored_size": ("N", 0.5, 10.0)},
-        mover_friction=_scored),
-    law(library.StrokeDependentFriction, "DraggingEnds", "Friction at the ends that grows with speed: "
-        "F_s (x/x_m)² v/√(v² + (60 mm/s)²). Source: squeeze and shear of oil in narrow ends; form chosen.",
-        {"end_level": ("N", 0.5, 15.0)}, mover_friction=lambda e, s, z: e.end_level
-        * jnp.square(s.sliding_position / REFERENCE_TRAVEL) * s.sliding_velocity
-        / jnp.sqrt(jnp.square(s.sliding_velocity) + 0.06**2)),
-    law(library.SealFriction, "ExponentialSeal", "Seal friction that grows exponentially with pressure: "
-        "μ S_p Σ p_1 (exp(p/p_1) − 1) th(v), p_1 = 0.6 MPa. Source: extrusion of soft rings; form chosen.",
-        {"lip_size": ("-", 0.003, 0.1)}, mover_friction=_exponential_seal),
-    law(library.SealFriction, "HydrodynamicSeal", "Seal friction of a full film: μ S_p Σ p v/(|v| + 60 mm/s). "
-        "Source: Hirano, Kaneta, inverse hydrodynamic theory of seals (1971); form chosen.",
-        {"lip_size": ("-", 0.008, 0.25)}, mover_friction=_hydrodynamic_seal),
-    law(library.CouplingCompliance, "SofteningCoupling", "A coupling that yields more under load: "
-        "k Δ/(1 + |Δ|/50 µm) + 20 N·s/m Δ̇. Source: Payne effect of filled rubber; form chosen.",
-        {"joint_compliance": ("m/N", 1e-7, 6e-6)}, coupling_force=lambda e, s, z: s.coupling_deflection
-        / (e.joint_compliance * (1.0 + jnp.abs(s.coupling_deflection) / 50e-6)) + 20.0 * s.coupling_velocity),
-    law(library.CouplingCompliance, "RubbingCoupling", "A coupling with friction in its clamp: "
-        "k (Δ + 12 µm tanh(Δ̇/1.5 mm/s)) + 5 N·s/m Δ̇. Source: Goodman, Klumpp, J. Applied Mechanics 23 (1956) 421.",
-        {"joint_compliance": ("m/N", 2e-7, 1e-5)}, coupling_force=lambda e, s, z: (s.coupling_deflection
-        + 12e-6 * jnp.tanh(s.coupling_velocity / 1.5e-3)) / e.joint_compliance + 5.0 * s.coupling_velocity),
-    law(library.Backlash, "RubberBacklash", "Play between rubber faces: contact force 15 N (exp(d/20 µm) − 1) and "
-        "15 N·s/m beyond ±b/2. Source: exponential bumpers; form chosen.", {"slot_play": ("m", 4e-6, 100e-6)},
-        coupling_force=_rubber_contact),
-    law(library.Backlash, "WornBacklash", "Play that is larger at one end of the stroke: b (1 + 0.7 tanh(x/x_m)), with "
-        "contacts of 1e6 N/m. Source: wear of a guide where it works most; form chosen.",
-        {"slot_play": ("m", 4e-6, 100e-6)}, coupling_force=_worn_play),
-    law(library.ValveFlowForce, "ReattachedJet", "A flow force that nearly vanishes where the jet reattaches: "
-        "−K A Δp (1 − 0.9 exp(−((y − 0.25 mm)/0.12 mm)²)). Source: Takenaka, Yamane, Iwamizu, Bull. JSME 7 (1964), "
-        "thrust of disc valves; form chosen.", {"jet_size": ("-", 0.15, 1.8)}, check_valve_force=_reattached),
-    law(library.ValveFlowForce, "SteepFlowForce", "A flow force with the power 1.4 of the pressure drop: "
-        "−K A 0.1 MPa (Δp/0.1 MPa)^1.4. Source: contraction that grows with the jet's momentum; form chosen.",
-        {"jet_size": ("-", 0.1, 1.2)}, check_valve_force=lambda e, s, z:
-        -e.jet_size * s.valve_area * 0.1e6 * _power(s.pressure_drop / 0.1e6, 1.4, 0.05)),
-    law(library.ValveAdhesion, "FarAdhesion", "Adhesion that reaches far: −F/(1 + y/25 µm) while the valve opens. "
-        "Source: capillary bridges, force ∝ 1/gap; Israelachvili, Intermolecular and Surface Forces; form chosen.",
-        {"bridge_force": ("N", 0.05, 3.0)}, check_valve_force=lambda e, s, z: -e.bridge_force
-        / (1.0 + jnp.maximum(s.lift, 0.0) / 25e-6) * 0.5 * (1.0 + jnp.tanh(s.lift_velocity / 2e-3))),
-    law(library.ValveAdhesion, "SuckedBall", "A ball that pressure presses into an elastic seat: "
-        "−F tanh(|Δp|/60 kPa) exp(−max(y, 0)/30 µm), at any speed. Source: Hertz contact that holds by its rim; form "
-        "chosen.", {"bridge_force": ("N", 0.05, 4.0)}, check_valve_force=lambda e, s, z: -e.bridge_force
-        * jnp.tanh(jnp.abs(s.pressure_drop) / 60e3) * jnp.exp(-jnp.maximum(s.lift, 0.0) / 30e-6)),
-    law(library.SuctionSeatLeakage, "TurningSuctionBall", TURNING_TEXT.format("suction"), TURNING,
-        suction_valve_area=_turning_ball),
-    law(library.SuctionSeatLeakage, "CrackedSuctionSeat", OPENED_TEXT.format("suction"), MARKS,
-        suction_valve_area=_pressed_open),
-    law(library.DeliverySeatLeakage, "TurningDeliveryBall", TURNING_TEXT.format("delivery"), TURNING,
-        delivery_valve_area=_turning_ball),
-    law(library.DeliverySeatLeakage, "CrackedDeliverySeat", OPENED_TEXT.format("delivery"), MARKS,
-        delivery_valve_area=_pressed_open),
-    law(library.HoseCompliance, "BraidedHose", "A hose whose braid takes the load at 0.5 MPa: "
-        "C (1 − 0.8 tanh((p − 0.5 MPa)/80 kPa))/1.8. Source: lock angle of braids; form chosen.",
-        {"wall_compliance": ("m^3/Pa", 1e-14, 1e-11)}, outlet_capacity=lambda e, s, z:
-        e.wall_compliance * (1.0 - 0.8 * jnp.tanh((s.outlet_pressure - 0.5e6) / 80e3)) / 1.8),
-    law(library.HoseCompliance, "MullinsHose",
-        "A rubber hose that softens as it is worked: C (1 − 0.7 exp(−t/0.12 s)). "
-        "Source: Mullins, Rubber Chemistry and Technology 42 (1969) 339.",
-        {"wall_compliance": ("m^3/Pa", 1e-14, 1e-11)},
-        outlet_capacity=lambda e, s, z: e.wall_compliance * (1.0 - 0.7 * jnp.exp(-s.time / 0.12))),
-    law(library.OutletLineInertance, "MixedLineInertance", "A line with inertance and a loss ∝ Q^1.5: "
-        "I dQ/dt = Δp − k √|Q| Q. Source: transition flow, between Hagen-Poiseuille and Darcy-Weisbach.",
-        LINE | {"mixed_loss": ("kg/(s*m^5.5)", 2e10, 3e11)}, states={"moving": "m^3/s"},
-        outlet_line_resistance=lambda e, s, z: e.mixed_loss * jnp.sqrt(jnp.abs(z.moving) + 1e-8),
-        outlet_line_flow=lambda e, s, z: z.moving,
-        rates=lambda e, s, z: {"moving": outlet_line_drop(s, z.moving) / e.line_mass}),
-    law(library.OutletLineInertance, "OneWayLineInertance", "A line with inertance whose loss is larger forward: "
-        "R (1 + 0.6 tanh(Q/0.6 L/min)). Source: Tesla, US patent 1329559 (1920), fluidic diodes; form chosen.",
-        LINE | {"forward_loss": ("Pa*s/m^3", 1e8, 2e9)}, states={"moving": "m^3/s"},
-        outlet_line_resistance=lambda e, s, z: _one_sided_loss(e, z.moving), outlet_line_flow=lambda e, s, z: z.moving,
-        rates=lambda e, s, z: {"moving": outlet_line_drop(s, z.moving) / e.line_mass}),
-    law(library.OutletLineResistance, "CouplingPoppet", "A quick coupling whose poppet opens with pressure: "
-        "R (0.35 + exp(−(p − p_s)/0.15 MPa)). Source: spring-loaded poppet in the line; form chosen.",
-        {"poppet_size": ("Pa*s/m^3", 2e8, 1e10)}, outlet_line_resistance=lambda e, s, z: e.poppet_size
-        * (0.35 + jnp.exp(-jnp.maximum(s.outlet_pressure - s.accumulator_pressure, 0.0) / 0.15e6))),
-    law(library.OutletLineResistance, "SiltingLine",
-        "A line that silts up steadily: R (0.4 + t/0.4 s). Source: Hermia, "
-        "Trans. IChemE 60 (1982) 183, blocking laws; linear in time here.", {"silt_size": ("Pa*s/m^3", 1e8, 8e9)},
-        outlet_line_resistance=lambda e, s, z: e.silt_size * (0.4 + s.time / 0.4)),
-    law(library.SuctionLineResistance, "ThinningSuctionLine", "A suction line with oil that flows more easily once it "
-        "moves: R (0.4 + exp(−|v|/80 mm/s)). Source: thixotropic cold oil; Barnes, J. Non-Newtonian Fluid Mech. 70 "
-        "(1997) 1; form chosen.", {"cold_size": ("Pa*s/m^3", 2e7, 4e9)}, suction_line_resistance=lambda e, s, z:
-        e.cold_size * (0.4 + jnp.exp(-jnp.abs(s.sliding_velocity) / 0.08))),
-    law(library.SuctionLineResistance, "BlockingStrainer",
-        "A strainer that blocks steadily: R (0.3 + t/0.35 s). Source: "
-        "Hermia, Trans. IChemE 60 (1982) 183, intermediate blocking.", {"block_size": ("Pa*s/m^3", 2e7, 3e9)},
-        suction_line_resistance=lambda e, s, z: e.block_size * (0.3 + s.time / 0.35)),
-    law(library.SuctionLineInertance, "MixedSuctionInertance", "A suction line with inertance and a loss ∝ Q^1.5: "
-        "I dQ/dt = Δp − k √|Q| Q. Source: transition flow, between Hagen-Poiseuille and Darcy-Weisbach.",
-        LINE | {"mixed_loss": ("kg/(s*m^5.5)", 1e10, 1e11)}, states={"moving": "m^3/s"},
-        suction_line_resistance=lambda e, s, z: 5e6 + e.mixed_loss * jnp.sqrt(jnp.abs(z.moving) + 1e-8),
-        suction_line_flow=lambda e, s, z: z.moving,
-        rates=lambda e, s, z: {"moving": suction_line_drop(s, z.moving) / e.line_mass}),
-    law(library.SuctionLineInertance, "OneWaySuctionInertance", "A suction line with inertance whose loss is larger "
-        "forward: R (1 + 0.6 tanh(Q/0.6 L/min)). Source: entrance losses of a re-entrant pipe; Idelchik; form chosen.",
-        LINE | {"forward_loss": ("Pa*s/m^3", 1e7, 3e8)}, states={"moving": "m^3/s"},
-        suction_line_resistance=lambda e, s, z: _one_sided_loss(e, z.moving),
-        suction_line_flow=lambda e, s, z: z.moving,
-        rates=lambda e, s, z: {"moving": suction_line_drop(s, z.moving) / e.line_mass}),
-    law(library.OilTemperature, "CurvedViscosity", "Viscosity whose logarithm is curved over temperature: "
-        "exp(−b ΔT (1 − ΔT/60 K)), ΔT = T − 313 K. Source: second-order fit of ASTM D341 charts; form chosen.",
-        {"curved_slope": ("1/K", 0.015, 0.05)}, oil_viscosity_factor=lambda e, s, z: jnp.exp(
-        -e.curved_slope * (s.oil_temperature - 313.15) * (1.0 - (s.oil_temperature - 313.15) / 60.0))),
-    law(library.OilTemperature, "AbsoluteViscosity", "Viscosity by a power of absolute temperature: (T/313 K)^(−n). "
-        "Source: Cornelissen, Waterman, Chem. Eng. Science 4 (1955) 238, simplest form.",
-        {"absolute_power": ("-", 4.0, 16.0)},
-        oil_viscosity_factor=lambda e, s, z: jnp.exp(-e.absolute_power * jnp.log(s.oil_temperature / 313.15))),
-    law(library.PressureViscosity, "RootPressureViscosity", "Viscosity that rises with the root of the pressure in the "
-        "gap: 1 + b √(p̄/0.5 MPa). Source: free-volume fits at low pressure; form chosen.",
-        {"root_rise": ("-", 0.01, 0.2)},
-        gap_viscosity_factor=lambda e, s, z: 1.0 + e.root_rise * jnp.sqrt(_mean_gap(s) / GAUGE + 1e-3)),
-    law(library.PressureViscosity, "RisingGapViscosity", "Viscosity that rises with pressure, less at speed, where the "
-        "film heats up: 1 + b (p̄/0.5 MPa)/(1 + |v|/0.1 m/s). Source: Barus' law and viscous heating; form chosen.",
-        {"gap_rise": ("-", 0.01, 0.2)}, gap_viscosity_factor=lambda e, s, z: 1.0 + e.gap_rise * _mean_gap(s) / GAUGE
-        / (1.0 + jnp.abs(s.piston_velocity) / 0.1)),
-    law(library.CylinderSealFriction, "ExponentialCylinderSeal", "Cylinder friction that grows exponentially with the "
-        "head pressure: μ A p_1 (exp(p/p_1) − 1), p_1 = 0.4 MPa. Source: extrusion of soft rings; form chosen.",
-        {"ring_share": ("-", 0.002, 0.06)}, cylinder_friction_level=lambda e, s, z: e.ring_share * s.cylinder_area
-        * 0.4e6 * (jnp.exp(jnp.minimum(_gauge_head(s) / 0.4e6, 4.0)) - 1.0)),
-    law(library.CylinderSealFriction, "NarrowingCylinderSeal", "Cylinder friction that grows with pressure and along "
-        "the stroke: μ A p (0.4 + 0.8 x/8 mm). Source: a bore that narrows; form chosen.",
-        {"ring_share": ("-", 0.004, 0.1)}, cylinder_friction_level=lambda e, s, z: e.ring_share * s.cylinder_area
-        * _gauge_head(s) * (0.4 + 0.8 * jnp.clip(s.cylinder_position / 8e-3, 0.0, 2.0))),
-    law(library.LoadSpring, "TendonLoad", "A load spring that stiffens exponentially: −k x_0 (exp(x/x_0) − 1), "
-        "x_0 = 5 mm. Source: Fung, Am. J. Physiology 213 (1967) 1532.", {"load_rate": ("N/m", 50.0, 1e5)},
-        cylinder_force=lambda e, s, z:
-        -e.load_rate * 5e-3 * (jnp.exp(jnp.clip(s.cylinder_position / 5e-3, -4.0, 4.0)) - 1.0)),
-    law(library.LoadSpring, "BumperLoad", "A load spring with a bumper from 4 mm on: −k x − 3 k max(x − 4 mm, 0). "
-        "Source: statics; rounded within 0.5 mm.", {"load_rate": ("N/m", 50.0, 2e5)}, cylinder_force=lambda e, s, z:
-        -e.load_rate * (s.cylinder_position + 3.0 * smooth_positive(s.cylinder_position - 4e-3, 0.5e-3))),
-    law(library.CylinderLeakageRise, "PressedOpenLeakage", "Leakage of the cylinder that grows with position and "
-        "pressure: k x (0.3 + p_h/0.5 MPa). Source: a tube that widens under pressure; Lamé.",
-        {"bore_share": ("m^2/(s*Pa)", 5e-13, 1e-10)}, cylinder_leakage_change=lambda e, s, z: e.bore_share
-        * jnp.maximum(s.cylinder_position, 0.0) * (0.3 + _gauge_head(s) / GAUGE)),
-    law(library.CylinderLeakageRise, "ChatterMarkLeakage", "Leakage of the cylinder past chatter marks 3 mm apart: "
-        "k x (1 + 0.8 sin(2π x/3 mm)). Source: honing faults of bores; form chosen.",
-        {"bore_share": ("m^2/(s*Pa)", 1e-12, 1e-10)}, cylinder_leakage_change=lambda e, s, z: e.bore_share
-        * jnp.maximum(s.cylinder_position, 0.0) * (1.0 + 0.8 * jnp.sin(2.0 * jnp.pi * s.cylinder_position / 3e-3))),
+    law(library.LugreFriction, "SlipElementFriction", "Friction of three elements that slip one after the other: "
+        "F (0.5 r_1 + 0.3 r_2 + 0.2 r_3), dr/dt = (v − |v| r)/δ with δ, 4 δ, 16 δ. "
+        "Source: Iwan, J. Applied Mechanics 33 (1966) 893; Al-Bender, Lampaert, Swevers (2005).",
+        {"slip_level": ("N", 2.0, 10.0), "slip_length": ("m", 10e-6, 120e-6)},
+        states={"short": "-", "middle": "-", "long": "-"}, rates=_slip_elements,
+        mover_friction=lambda e, s, z: e.slip_level * (0.5 * z.short + 0.3 * z.middle + 0.2 * z.long)),
+    law(library.LugreFriction, "TwoTanhFriction", "Smooth friction with a hump at low speed: F (tanh(v/6 mm/s) + "
+        "0.9 (tanh(v/2 mm/s) − tanh(v/15 mm/s))) + c v. "
+        "Source: Makkar, Dixon, Sawyer, Hu, Proc. IEEE/ASME AIM (2005) 600.",
+        {"dry_level": ("N", 2.0, 9.0), "slope_level": ("N*s/m", 1.0, 12.0)}, mover_friction=_two_tanh),
+    law(library.PistonLeakage, "WidenedBoreLeakage", "Leakage past a plunger whose bore widens under pressure: "
+        "k Δp (1 + Δp/1.6 MPa)³. Source: Lamé's thick tube; Ivantysyn, Ivantysynova, Hydrostatic Pumps (2001).",
+        {"slit": ("m", 12e-6, 34e-6)}, chamber_leakage=lambda e, s, z: _laminar(e, s, 20e-3)
+        * (1.0 + jnp.clip(_drop(s) / 1.6e6, -0.3, 5.0)) ** 3),
+    law(library.PistonLeakage, "ShorteningGapLeakage", "Leakage past a plunger whose gap is 9 mm long at mid-stroke "
+        "and shorter as it moves back: k Δp 9 mm/(9 mm ± x). Source: Hagen-Poiseuille for slits; geometry.",
+        {"slit": ("m", 10e-6, 28e-6)}, chamber_leakage=lambda e, s, z: _laminar(e, s, _engaged(s))),
+    law(library.EntrainedAir, "RedissolvingAir", "Air that the outlet pressure dissolves late: α p_atm/p² (1 − g), "
+        "40 ms dg/dt = p/(p + 0.5 MPa) − g, p the gauge pressure of the outlet. "
+        "Source: rate of solution of bubbles, first order; form chosen.",
+        {"early_air": ("-", 0.003, 0.02)}, states={"gone": "-"}, rates=_redissolving,
+        oil_gas=lambda e, s, z: e.early_air * s.atmospheric_pressure, oil_compressibility=lambda e, s, z:
+        e.early_air * s.atmospheric_pressure / jnp.square(s.pressure) * (1.0 - z.gone)),
+    law(library.EntrainedAir, "MicroBubbleAir", "Air in small bubbles under their surface tension: "
+        "α p_atm/(p + 60 kPa)². Source: Laplace's pressure 2 σ/r of bubbles of 1 µm.",
+        {"fine_air": ("-", 0.003, 0.02)}, oil_gas=lambda e, s, z: e.fine_air * s.atmospheric_pressure,
+        oil_compressibility=lambda e, s, z:
+        e.fine_air * s.atmospheric_pressure / jnp.square(s.pressure + 60e3)),
+    law(library.KarnoppFriction, "StribeckCylinder", "Friction of the cylinder that falls with speed: "
+        "F (1 + 0.7 exp(−|v|/12 mm/s)) tanh(v/0.7 mm/s). Source: Stribeck (1902); exponential form of Bo, Pavelescu, "
+        "Wear 82 (1982) 277.", {"rod_level": ("N", 3.0, 60.0)}, cylinder_friction_force=lambda e, s, z:
+        (e.rod_level * (1.0 + 0.7 * jnp.exp(-jnp.abs(s.cylinder_velocity) / 12e-3)) + s.cylinder_friction_level)
+        * jnp.tanh(s.cylinder_velocity / 0.7e-3)),
+    law(library.KarnoppFriction, "CreepingCylinder", "Friction of elastic cylinder seals: F r, "
+        "dr/dt = (v − |v| r)/50 µm. Source: Dahl, AIAA J. 14 (1976) 1675, exponent 1.",
+        {"rod_level": ("N", 3.0, 80.0)}, states={"sheared": "-"}, cylinder_friction_force=lambda e, s, z:
+        (e.rod_level + s.cylinder_friction_level) * z.sheared, rates=lambda e, s, z:
+        {"sheared": (s.cylinder_velocity - jnp.abs(s.cylinder_velocity) * z.sheared) / 50e-6}),
+    law(library.ForceConstantDroop, "FlatTopDroop", "A force constant that is flat in the middle: Km (1 − κ (x/x_m)⁴). "
+        "Source: overhung coils, whose field is flat over the gap; Klippel, J. Audio Eng. Soc. 54 (2006) 907.",
+        {"edge_loss": ("-", 0.03, 0.4)}, force_constant_factor=lambda e, s, z:
+        1.0 - e.edge_loss * jnp.square(jnp.square(_share(s)))),
+    law(library.ForceConstantDroop, "TiltedDroop", "A force constant that falls along the stroke and towards its ends: "
+        "Km (1 − κ (0.6 x/x_m + 0.4 |x|/x_m)), |x| rounded within 0.5 mm. Source: a magnet that sits askew; geometry.",
+        {"tilt_loss": ("-", 0.02, 0.2)}, force_constant_factor=lambda e, s, z: 1.0 - e.tilt_loss
+        * (0.6 * _share(s) + 0.4 * (jnp.sqrt(jnp.square(_share(s)) + 0.01) - 0.1))),
+    law(library.MagneticSaturation, "KneeSaturation", "Saturation with a knee: F_e = Km i/(1 + (b i)⁴)^¼. "
+        "Source: magnetisation curves that are straight up to a knee; power interpolation, chosen.",
+        {"knee_slope": ("1/A", 0.06, 0.4)}, motor_force_factor=lambda e, s, z:
+        1.0 / jnp.sqrt(jnp.sqrt(1.0 + jnp.square(jnp.square(e.knee_slope * s.current))))),
+    law(library.MagneticSaturation, "BiasedSaturation", "Saturation by the current that adds to the magnets: "
+        "F_e = Km i/(1 + b max(i + 1 A, 0)), rounded within 0.5 A. "
+        "Source: armature reaction of one sign; Hanselman, Brushless Motors (2012); form chosen.",
+        {"added_field": ("1/A", 0.004, 0.1)}, motor_force_factor=lambda e, s, z:
+        1.0 / (1.0 + e.added_field * smooth_positive(s.current + 1.0, 0.5))),
+    law(library.ReluctanceForce, "ToothedInductance", "An inductance that waves along teeth: L (1 + λ sin(2π x/9 mm)), "
+        "with its force and voltage. Source: permeance waves of slotted iron; Boldea, Linear Electric Machines (2013).",
+        {"tooth_share": ("-", -0.3, 0.3)}, coil_inductance_factor=lambda e, s, z:
+        1.0 + e.tooth_share * jnp.sin(2.0 * jnp.pi * s.piston_position / 9e-3),
+        coil_voltage_change=lambda e, s, z: -s.current * s.piston_velocity * _toothed_gradient(e, s),
+        mover_force=lambda e, s, z: 0.5 * jnp.square(s.current) * _toothed_gradient(e, s)),
+    law(library.ReluctanceForce, "EnteringIronInductance", "An inductance that rises where the coil enters the iron: "
+        "L (1 + λ tanh(x/1.8 mm)), with its force and voltage. Source: plunger solenoids, Roters (1941); form chosen.",
+        {"entry_share": ("-", -0.35, 0.35)}, coil_inductance_factor=lambda e, s, z:
+        1.0 + e.entry_share * jnp.tanh(s.piston_position / 1.8e-3),
+        coil_voltage_change=lambda e, s, z: -s.current * s.piston_velocity * _entering_gradient(e, s),
+        mover_force=lambda e, s, z: 0.5 * jnp.square(s.current) * _entering_gradient(e, s)),
+    law(library.CoggingForce, "NarrowToothCogging", "Cogging of narrow teeth: −0.8 A sin u/(1.3 − cos u). "
+        "Source: field of a periodic row of poles, Poisson's kernel.",
+        {"tooth_force": ("N", 0.2, 5.0), "tooth_length": ("m", 3e-3, 14e-3), "tooth_shift": TURN}, mover_force=_narrow),
+    law(library.CoggingForce, "GrowingCogging", "Cogging that grows along the stroke: −A (1 + 0.8 x/x_m) sin u. "
+        "Source: overlap of teeth that changes with position; geometry.",
+        {"tooth_force": ("N", 0.2, 5.0), "tooth_length": ("m", 2.5e-3, 12e-3), "tooth_shift": TURN},
+        mover_force=lambda e, s, z: -e.tooth_force * (1.0 + 0.8 * _share(s)) * jnp.sin(_wave(e, s))),
+    law(library.EddyDrag, "LateDrag", "Eddy drag whose currents need time to build up: −c w, 4 ms dw/dt = v − w. "
+        "Source: inductance of eddy paths; Davis, Reitz, J. Applied Physics 42 (1971) 4119, one time constant.",
+        {"brake_size": ("N*s/m", 2.0, 40.0)}, states={"followed": "m/s"},
+        mover_force=lambda e, s, z: -e.brake_size * z.followed,
+        rates=lambda e, s, z: {"followed": (s.piston_velocity - z.followed) / 4e-3}),
+    law(library.EddyDrag, "SkinDepthDrag", "Eddy drag that grows with the root of speed: −c v/(1 + (v/v_e)²)^¼. "
+        "Source: skin depth in thick conductors; Stoll, The Analysis of Eddy Currents (1974).",
+        {"brake_size": ("N*s/m", 1.5, 40.0), "brake_speed": ("m/s", 0.02, 0.15)}, mover_force=lambda e, s, z:
+        -e.brake_size * s.piston_velocity / jnp.sqrt(jnp.sqrt(1.0 + jnp.square(s.piston_velocity / e.brake_speed)))),
+    law(library.InverterDeadTime, "RippledDeadTime", "Dead time under a ripple of the current of ±0.7 A: "
+        "−V (|i + 0.7 A| − |i − 0.7 A|)/1.4 A, rounded within 0.1 A. Source: dead time averaged over the ripple of a "
+        "switching period; Holmes, Lipo, Pulse Width Modulation (2003).", {"rail_loss": ("V", 0.3, 4.0)},
+        coil_voltage_change=_rippled),
+    law(library.InverterDeadTime, "UnequalLegs", "Dead time whose loss is larger for positive currents: "
+        "−V (w + 0.5 w²), w = tanh(i/60 mA). Source: unequal switches of two legs; form chosen.",
+        {"rail_loss": ("V", 0.2, 3.0)}, coil_voltage_change=lambda e, s, z: -e.rail_loss
+        * (jnp.tanh(s.current / 0.06) + 0.5 * jnp.square(jnp.tanh(s.current / 0.06)))),
+    law(library.SupplySag, "DrainedCapacitor", "A supply with a capacitor that the power drains: R q, "
+        "6 ms dq/dt = max(u i, 0)/20 V − q. Source: energy of a link capacitor behind a weak source; linearised.",
+        {"link_resistance": ("ohm", 0.1, 2.5)}, states={"drain": "A"}, supply_voltage_change=lambda e, s, z:
+        -jnp.minimum(e.link_resistance * jnp.maximum(z.drain, 0.0), s.supply_voltage), rates=lambda e, s, z:
+        {"drain": (smooth_positive(s.voltage * s.current, 1.0) / 20.0 - z.drain) / 6e-3}),
+    law(library.SupplySag, "RectifierSag", "A rectifier that recharges its capacitor 100 times a second: "
+        "R |i| (1 + 0.9 sin(2π 100 Hz t)). Source: ripple of a capacitor-input rectifier; Schade, Proc. IRE 31 (1943) "
+        "341; first harmonic.", {"charge_resistance": ("ohm", 0.1, 2.0)}, supply_voltage_change=lambda e, s, z:
+        -jnp.minimum(e.charge_resistance * jnp.abs(s.current) * (1.0 + 0.9 * jnp.sin(2.0 * jnp.pi * 100.0 * s.time)),
+                     s.supply_voltage)),
+    law(library.AmplifierLag, "DelayedAmplifier", "An amplifier that delays its command: u(t − τ), as Padé's "
+        "approximation (2, 2). Source: computing and modulation delay of digital drives; Padé (1892).",
+        {"dead_interval": ("s", 0.04e-3, 0.5e-3)}, states={"part": "V", "slope": "V"},
+        coil_voltage_change=lambda e, s, z: -z.slope, rates=_pade),
+    law(library.AmplifierLag, "SlewingAmplifier", "An amplifier that follows large errors at a limited rate: "
+        "du_a/dt = d/(τ √(1 + (d/1.5 V)²)), d = u − u_a. Source: slew rate of input stages; Gray, Meyer, Analysis and "
+        "Design of Analog Integrated Circuits.", {"small_time": ("s", 0.03e-3, 0.8e-3)}, states={"behind": "V"},
+        coil_voltage_change=lambda e, s, z: z.behind - s.voltage, rates=_slewing),
+    law(library.CoilHeating, "FannedHeating", "A coil that its own motion cools: R (1 + 0.0039 ϑ), "
+        "dϑ/dt = q R i² − ϑ (0.3 + |v|/10 mm/s)/s. Source: forced convection of voice coils; Klippel (2004).",
+        {"heat_rise": ("K/J", 0.4, 12.0)}, states={"excess": "K"},
+        coil_resistance_factor=lambda e, s, z: 1.0 + 0.0039 * z.excess, rates=lambda e, s, z:
+        {"excess": e.heat_rise * s.resistance * jnp.square(s.current) - z.excess * (0.3 + _speed(s) / 0.01)}),
+    law(library.CoilHeating, "DiffusedHeating", "Heat that spreads from the wire: R (1 + 0.0039 Σ ϑ_k), lags of 8, 50 "
+        "and 300 ms, each with the rise q 0.3 s R i². Source: Foster networks of thermal impedances; IEC 60747.",
+        {"heat_gain": ("K/J", 0.05, 2.5)}, states={"film": "K", "wire": "K", "former": "K"}, rates=_network,
+        coil_resistance_factor=lambda e, s, z: 1.0 + 0.0039 * (z.film + z.wire + z.former)),
+    law(library.ConstantBiasForce, "CreepingBias", "A pull that creeps away: −F (0.4 + 0.6 exp(−t/0.15 s)), either "
+        "sign. Source: stress relaxation, Maxwell (1867); the time is chosen.", {"steady_pull": ("N", -5.0, 5.0)},
+        mover_force=lambda e, s, z: -e.steady_pull * (0.4 + 0.6 * jnp.exp(-s.time / 0.15))),
+    law(library.ConstantBiasForce, "OneRodBias", "A rod through one chamber: −F (0.5 + 0.5 p_A/0.5 MPa), gauge, either "
+        "sign. Source: statics.", {"steady_pull": ("N", -4.0, 4.0)},
+        mover_force=lambda e, s, z: -e.steady_pull * 0.5 * (1.0 + gauge_pressures(s)[0] / USUAL)),
+    law(library.ParasiticSpring, "RelaxingSpring", "A rubber that relaxes: −k (0.45 x + 0.55 (x − x_r)), "
+        "25 ms dx_r/dt = x − x_r. Source: Zener, Elasticity and Anelasticity of Metals (1948).",
+        {"rubber_rate": ("N/m", 80.0, 5000.0)}, states={"set_in": "m"}, mover_force=lambda e, s, z:
+        -e.rubber_rate * (s.piston_position - 0.55 * z.set_in),
+        rates=lambda e, s, z: {"set_in": (s.piston_position - z.set_in) / 25e-3}),
+    law(library.ParasiticSpring, "TautCable", "A cable that is taut from −0.5 mm on: −k max(x + 0.5 mm, 0), rounded "
+        "within 0.3 mm. Source: statics.", {"rubber_rate": ("N/m", 80.0, 6000.0)}, mover_force=lambda e, s, z:
+        -e.rubber_rate * smooth_positive(s.piston_position + 0.5e-3, 0.3e-3)),
+    law(library.AsymmetricFriction, "NarrowingLip", "Friction of the forward stroke that grows along it: "
+        "F_a (1 + 0.7 x/x_m) max(th(v), 0). Source: a lip in a conical bore; geometry.",
+        {"ahead_level": ("N", 0.3, 5.0)}, mover_friction=lambda e, s, z:
+        e.ahead_level * (1.0 + 0.7 * _share(s)) * jnp.maximum(smooth_sign(s.sliding_velocity), 0.0)),
+    law(library.AsymmetricFriction, "FloatingLip", "Friction of the forward stroke that falls as the lip floats up: "
+        "F_a max(th(v), 0)/(1 + |v|/80 mm/s). Source: Stribeck (1902) for lip seals; form chosen.",
+        {"ahead_level": ("N", 0.5, 8.0)}, mover_friction=lambda e, s, z: e.ahead_level
+        * jnp.maximum(smooth_sign(s.sliding_velocity), 0.0) / (1.0 + jnp.abs(s.sliding_velocity) / 0.08)),
+    law(library.AsymmetricDamping, "ThinningDamping", "Viscous friction that differs between the directions, less at "
+        "speed: −c |v|/√(1 + (v/80 mm/s)²). Source: shear thinning, Cross (1965); form chosen.",
+        {"screw_size": ("N*s/m", -60.0, 60.0)}, mover_force=lambda e, s, z:
+        -e.screw_size * _speed(s) / jnp.sqrt(1.0 + jnp.square(s.piston_velocity / 0.08))),
+    law(library.AsymmetricDamping, "TaperedDamping", "Viscous friction that differs between the directions, more at "
+        "one end: −c |v| (1 + 0.8 x/x_m). Source: a tapered film under a slanting guide; geometry.",
+        {"screw_size": ("N*s/m", -60.0, 60.0)},
+        mover_force=lambda e, s, z: -e.screw_size * _speed(s) * (1.0 + 0.8 * _share(s))),
+    law(library.StrokeDependentFriction, "OneEndFriction", "Dry friction towards one end: F_s (max(x, 0)/x_m)² th(v), "
+        "rounded within 0.3 mm. Source: a bore that narrows at one end; geometry.", {"reach_size": ("N", 0.7, 14.0)},
+        mover_friction=lambda e, s, z: e.reach_size * smooth_sign(s.sliding_velocity)
+        * jnp.square(smooth_positive(s.sliding_position, 0.3e-3) / REFERENCE_TRAVEL)),
+    law(library.StrokeDependentFriction, "WavyBoreFriction", "Dry friction along a wavy bore: "
+        "F_s (1 − cos(2π x/5 mm))/2 th(v). Source: waviness of honed bores; form chosen.",
+        {"reach_size": ("N", 0.5, 8.0)}, mover_friction=lambda e, s, z: 0.5 * e.reach_size
+        * (1.0 - jnp.cos(2.0 * jnp.pi * s.sliding_position / 5e-3)) * smooth_sign(s.sliding_velocity)),
+    law(library.SealFriction, "DifferenceSeal", "Friction of a seal between both chambers: μ S_p |p_A − p_B| th(v), "
+        "rounded within 20 kPa. Source: double-acting seals; Müller, Nau, Fluid Sealing Technology (1998).",
+        {"ring_friction": ("-", 0.006, 0.2)}, mover_friction=lambda e, s, z: e.ring_friction * s.piston_area
+        * jnp.sqrt(jnp.square(s.chamber_pressure_a - s.chamber_pressure_b) + 4e8) * smooth_sign(s.sliding_velocity)),
+    law(library.SealFriction, "MixedFilmSeal", "Seal friction that falls with speed: "
+        "μ S_p Σ p (0.4 + 1.2 exp(−|v|/60 mm/s)) th(v). Source: mixed lubrication of seals, Stribeck (1902).",
+        {"ring_friction": ("-", 0.006, 0.2)}, mover_friction=lambda e, s, z: e.ring_friction * s.piston_area
+        * sum(gauge_pressures(s)) * (0.4 + 1.2 * jnp.exp(-jnp.abs(s.sliding_velocity) / 0.06))
+        * smooth_sign(s.sliding_velocity)),
+    law(library.CouplingCompliance, "RoundedCoupling", "A coupling with rounded faces: k Δ √(0.1 + |Δ|/40 µm) + "
+        "20 N·s/m Δ̇. Source: Hertz (1881), force with the power 1.5; preload chosen.",
+        {"bond_compliance": ("m/N", 2e-7, 8e-6)}, coupling_force=lambda e, s, z: s.coupling_deflection
+        / e.bond_compliance * jnp.sqrt(0.1 + jnp.abs(s.coupling_deflection) / 40e-6) + 20.0 * s.coupling_velocity),
+    law(library.CouplingCompliance, "BoltedCoupling", "A coupling that is stiffer pressed than pulled: "
+        "k Δ (1 + 0.6 tanh(Δ/3 µm)) + 20 N·s/m Δ̇. Source: joints that open under tension; VDI 2230.",
+        {"bond_compliance": ("m/N", 2e-7, 1e-5)}, coupling_force=lambda e, s, z: s.coupling_deflection
+        / e.bond_compliance * (1.0 + 0.6 * jnp.tanh(s.coupling_deflection / 3e-6)) + 20.0 * s.coupling_velocity),
+    law(library.Backlash, "OilFilledPlay", "Play that is filled with oil: 1e6 N/m beyond ±b/2, and 400 N·s/m Δ̇ "
+        "everywhere. Source: squeeze films in joints; Hamrock, Fundamentals of Fluid Film Lubrication; linear.",
+        {"key_play": ("m", 4e-6, 120e-6)}, coupling_force=_filled_play),
+    law(library.Backlash, "SprungPlay", "Play that a soft ring bridges: 8e4 N/m, and 1e6 N/m more beyond ±b/2. "
+        "Source: two-stage stiffness of couplings with elastomer rings; statics.",
+        {"key_play": ("m", 4e-6, 120e-6)}, coupling_force=_sprung_play),
+    law(library.ValveFlowForce, "CavitatedJet", "A flow force that cavitation limits: −K A 80 kPa tanh(Δp/80 kPa). "
+        "Source: cavitating orifices, choked flow; Nurick, J. Fluids Eng. 98 (1976) 681; form chosen.",
+        {"thrust": ("-", 0.2, 2.5)}, check_valve_force=lambda e, s, z:
+        -e.thrust * s.valve_area * 80e3 * jnp.tanh(s.pressure_drop / 80e3)),
+    law(library.ValveFlowForce, "LateJet", "A flow force that the jet builds up with lift: −K A Δp y/(y + 0.3 mm). "
+        "Source: jets that detach from the seat as it opens; Johnston, Edge, Vaughan (1991); form chosen.",
+        {"thrust": ("-", 0.2, 2.5)}, check_valve_force=lambda e, s, z: -e.thrust * s.valve_area * s.pressure_drop
+        * jnp.maximum(s.lift, 0.0) / (jnp.maximum(s.lift, 0.0) + 0.3e-3)),
+    law(library.ValveAdhesion, "SqueezeFilmAdhesion", "A film that has to fill as the ball lifts off: "
+        "−F max(ẏ, 0)/(10 mm/s)/(1 + y/15 µm)³. Source: Stefan (1874); Reynolds (1886).",
+        {"squeeze_force": ("N", 0.05, 6.0)}, check_valve_force=_stefan),
+    law(library.ValveAdhesion, "BreakingNeck", "A neck of oil that breaks at a lift of 45 µm: −F (3 w² − 2 w³), "
+        "w = 1 − y/45 µm, while it opens. Source: rupture of liquid bridges; Willett et al., Langmuir 16 (2000) 9396; "
+        "form chosen.", {"neck_force": ("N", 0.05, 4.0)}, check_valve_force=_meniscus),
+    law(library.SuctionSeatLeakage, "SoftSuctionSeat", SOFT_TEXT.format("suction"), SEAT,
+        suction_valve_area=_soft_seat),
+    law(library.SuctionSeatLeakage, "SuctionChip", CHIP_TEXT.format("suction"), SEAT, suction_valve_area=_washed_out),
+    law(library.DeliverySeatLeakage, "SoftDeliverySeat", SOFT_TEXT.format("delivery"), SEAT,
+        delivery_valve_area=_soft_seat),
+    law(library.DeliverySeatLeakage, "DeliveryChip", CHIP_TEXT.format("delivery"), SEAT,
+        delivery_valve_area=_washed_out),
+    law(library.HoseCompliance, "TrappedPocketHose", "A pocket of gas at the outlet: C (0.35 MPa/p)². "
+        "Source: isothermal gas, Boyle; a small accumulator.", {"pocket_compliance": ("m^3/Pa", 1e-14, 1e-11)},
+        outlet_capacity=lambda e, s, z: e.pocket_compliance * jnp.square(0.35e6 / s.outlet_pressure)),
+    law(library.HoseCompliance, "BulgingHose", "A thin hose that yields under pressure: C (0.4 + 0.8 (p/0.6 MPa)²). "
+        "Source: large strain of thin-walled rubber tubes; Treloar, The Physics of Rubber Elasticity; form chosen.",
+        {"pocket_compliance": ("m^3/Pa", 1e-14, 5e-12)}, outlet_capacity=lambda e, s, z:
+        e.pocket_compliance * (0.4 + 0.8 * jnp.square(jnp.minimum(s.outlet_pressure / 0.6e6, 3.0)))),
+    law(library.OutletLineInertance, "TrailingLineInertance", TRAIL_TEXT.format("line to the load"),
+        COLUMN | {"wall_loss": ("Pa*s/m^3", 1e8, 2e9)}, **_trailing("outlet", outlet_line_drop)),
+    law(library.OutletLineInertance, "EasingLineInertance", EASE_TEXT.format("line to the load"),
+        COLUMN | {"wall_loss": ("Pa*s/m^3", 3e8, 6e9)}, **_easing("outlet", outlet_line_drop)),
+    law(library.OutletLineResistance, "FlowRegulator", "A regulator in the line that closes with pressure: "
+        "R (1 + 0.8 tanh((p − p_s − 0.4 MPa)/0.12 MPa)). Source: pressure-compensated valves; Merritt (1967); form "
+        "chosen.", {"spool_size": ("Pa*s/m^3", 1e8, 8e9)}, outlet_line_resistance=lambda e, s, z: e.spool_size
+        * (1.0 + 0.8 * jnp.tanh((s.outlet_pressure - s.accumulator_pressure - 0.4e6) / 0.12e6))),
+    law(library.OutletLineResistance, "WarmingLine", "A cold line that warms up: R (0.35 + 0.65 exp(−t/0.13 s)). "
+        "Source: Hagen-Poiseuille with a viscosity that falls; the time is chosen.",
+        {"spool_size": ("Pa*s/m^3", 2e8, 1e10)}, outlet_line_resistance=lambda e, s, z:
+        e.spool_size * (0.35 + 0.65 * jnp.exp(-s.time / 0.13))),
+    law(library.SuctionLineResistance, "SuctionScreen", "A screen whose loss grows with the square of the flow: "
+        "R (0.3 + (v/0.2 m/s)²), v the speed of the plungers. Source: Forchheimer (1901), higher term alone.",
+        {"screen_size": ("Pa*s/m^3", 2e7, 3e9)}, suction_line_resistance=lambda e, s, z:
+        e.screen_size * (0.3 + jnp.square(s.sliding_velocity / 0.2))),
+    law(library.SuctionLineResistance, "ShearedSuctionLine", "A line of cold oil that flow loosens with a lag: "
+        "R (0.25 + 1/(1 + w)), 60 ms dw/dt = |v|/50 mm/s − w. "
+        "Source: thixotropy; Barnes, J. Non-Newtonian Fluid Mech. 70 (1997) 1; form chosen.",
+        {"screen_size": ("Pa*s/m^3", 2e7, 4e9)}, states={"loosened": "-"},
+        suction_line_resistance=lambda e, s, z: e.screen_size * (0.25 + 1.0 / (1.0 + z.loosened)),
+        rates=lambda e, s, z: {"loosened": (jnp.abs(s.sliding_velocity) / 0.05 - z.loosened) / 60e-3}),
+    law(library.SuctionLineInertance, "TrailingSuctionInertance", TRAIL_TEXT.format("suction line"),
+        COLUMN | {"wall_loss": ("Pa*s/m^3", 1e7, 4e8)}, **_trailing("suction", suction_line_drop)),
+    law(library.SuctionLineInertance, "EasingSuctionInertance", EASE_TEXT.format("suction line"),
+        COLUMN | {"wall_loss": ("Pa*s/m^3", 3e7, 1e9)}, **_easing("suction", suction_line_drop)),
+    law(library.OilTemperature, "VogelViscosity", "Viscosity exp(B/(T − 170 K)), over that at 40 °C. "
+        "Source: Vogel, Phys. Z. 22 (1921) 645.", {"vogel_constant": ("K", 400.0, 1300.0)},
+        oil_viscosity_factor=lambda e, s, z:
+        jnp.exp(e.vogel_constant * (1.0 / (s.oil_temperature - 170.0) - 1.0 / 143.15))),
+    law(library.OilTemperature, "WaltherViscosity", "Viscosity with log log(ν + 0.7) linear in log T, 46 mm²/s at "
+        "40 °C. Source: Walther (1931); ASTM D341.", {"walther_slope": ("-", 1.5, 4.5)},
+        oil_viscosity_factor=_walther),
+    law(library.PressureViscosity, "LateGapViscosity", "Viscosity that rises above 0.4 MPa in the gap: "
+        "1 + b max(p̄ − 0.4 MPa, 0)/0.5 MPa, rounded within 50 kPa. Source: gaps that tighten under load; form chosen.",
+        {"gap_stiffening": ("-", 0.02, 0.4)}, gap_viscosity_factor=lambda e, s, z:
+        1.0 + e.gap_stiffening * smooth_positive(_gap_mean(s) - 0.4e6, 50e3) / USUAL),
+    law(library.PressureViscosity, "BubblyGapViscosity", "Viscosity that rises as bubbles dissolve: "
+        "1 + b (1 − exp(−p̄/0.25 MPa)). Source: viscosity of oil with bubbles; Hayward (1961); form chosen.",
+        {"gap_stiffening": ("-", 0.02, 0.3)}, gap_viscosity_factor=lambda e, s, z:
+        1.0 + e.gap_stiffening * (1.0 - jnp.exp(-_gap_mean(s) / 0.25e6))),
+    law(library.CylinderSealFriction, "BothSidesSeal", "Cylinder friction that grows with both pressures: "
+        "μ A (p_h + 0.8 p_r), gauge. Source: seals on both sides of the piston; O-ring friction as in the library.",
+        {"packing": ("-", 0.003, 0.08)}, cylinder_friction_level=lambda e, s, z: e.packing * s.cylinder_area
+        * (_side(s, "head_pressure") + 0.8 * _side(s, "rod_pressure"))),
+    law(library.CylinderSealFriction, "SeatedSeal", "Cylinder friction that grows with the head pressure until the "
+        "seal is seated: μ A p_1 tanh(p/p_1), p_1 = 0.3 MPa. Source: gaps that rings fill; form chosen.",
+        {"packing": ("-", 0.004, 0.15)}, cylinder_friction_level=lambda e, s, z: e.packing * s.cylinder_area
+        * 0.3e6 * jnp.tanh(_side(s, "head_pressure") / 0.3e6)),
+    law(library.LoadSpring, "GasSpringLoad", "A gas spring as load: −(k x_0/1.2) ((1 − x/x_0)^(−1.2) − 1), "
+        "x_0 = 32 mm. Source: polytropic gas in a closed volume.", {"gas_rate": ("N/m", 60.0, 3e5)},
+        cylinder_force=_gas_load),
+    law(library.LoadSpring, "ToggleLoad", "A load spring that softens: −k x/√(1 + (x/4 mm)²). "
+        "Source: toggle linkages, whose lever shortens; statics.", {"gas_rate": ("N/m", 100.0, 5e5)},
+        cylinder_force=lambda e, s, z: -e.gas_rate * s.cylinder_position
+        / jnp.sqrt(1.0 + jnp.square(s.cylinder_position / 4e-3))),
+    law(library.CylinderLeakageRise, "WornZoneLeakage", "Leakage of the cylinder beyond a worn zone: "
+        "k 6 mm (1 + tanh((x − 5 mm)/1.2 mm))/2. Source: wear where the rod works most; form chosen.",
+        {"wear_slope": ("m^2/(s*Pa)", 1e-12, 1e-10)}, cylinder_leakage_change=lambda e, s, z: e.wear_slope * 3e-3
+        * (1.0 + jnp.tanh((s.cylinder_position - 5e-3) / 1.2e-3))),
+    law(library.CylinderLeakageRise, "EarlyLeakage", "Leakage of the cylinder that grows fast at first: "
+        "k √(x 8 mm), linear below 0.2 mm. Source: a groove of falling depth; form chosen.",
+        {"wear_slope": ("m^2/(s*Pa)", 5e-13, 1e-10)}, cylinder_leakage_change=lambda e, s, z: e.wear_slope
+        * jnp.sqrt(8e-3) * jnp.maximum(s.cylinder_position, 0.0)
+        / jnp.sqrt(jnp.maximum(s.cylinder_position, 0.0) + 0.2e-3)),
 )  # fmt: skip

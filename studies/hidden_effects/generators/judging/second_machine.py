@@ -1,173 +1,171 @@
-"""A machine of one's own, for judging: a filter of two coils and two capacitors between a source and a load."""
+"""A machine of one's own, for judging: two flywheels on a shaft, of which a motor drives the first to and fro."""
 
 import functools
 
 import jax.numpy as jnp
 
-from edhas_jax import Rig, Sine, drive, par, slot, state
+from edhas_jax import Rig, Sine, drive, par, signal, slot, state
 from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Channel
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
-from studies.hidden_effects.generators.judging.settings import warmer_in_sessions
+from studies.hidden_effects.generators.judging.settings import cooling_room
 from studies.hidden_effects.generators.laws import law
 from studies.hidden_effects.generators.settings import RunDrift
 
+FAST, TWIST = 4.0, 0.02  # rad/s and rad, usual ones
 
-class LadderFilter(Rig):
-    """A ladder of coils and capacitors: L_1 di_1/dt = u − R_1 i_1 − u_1, C_1 du_1/dt = i_1 − i_2, and so on to a load.
 
-    Source: Kirchhoff; ladder networks, Zverev, Handbook of Filter Synthesis (1967).
+class TwoFlywheels(Rig):
+    """A rotor, which a soft spring holds, and a disc, joined by a shaft with the twist φ.
+
+    J_1 dω_1/dt = M − k_0 θ_1 − k φ − d dφ/dt − c_1 ω_1, J_2 dω_2/dt = k φ + d dφ/dt − c_2 ω_2, dφ/dt = ω_1 − ω_2
+
+    Source: torsional oscillators; Den Hartog, Mechanical Vibrations (1934).
     """
 
-    time_step, duration = 2e-5, 0.15  # s
+    time_step, duration = 1e-4, 0.8  # s
 
-    source = drive("V", "voltage of the source", 0.0)
+    torque = drive("N*m", "torque of the motor", 0.0)
 
-    first_inductance: float = par(20e-3, "H", (1e-6, 10.0), "inductance L_1")
-    second_inductance: float = par(10e-3, "H", (1e-6, 10.0), "inductance L_2")
-    first_capacity: float = par(100e-6, "F", (1e-9, 1.0), "capacity C_1")
-    second_capacity: float = par(47e-6, "F", (1e-9, 1.0), "capacity C_2")
-    first_resistance: float = par(2.0, "ohm", (1e-3, 1e4), "resistance of the first coil")
-    second_resistance: float = par(3.0, "ohm", (1e-3, 1e4), "resistance of the second coil")
-    load_resistance: float = par(30.0, "ohm", (1e-2, 1e6), "resistance of the load")
+    rotor_inertia: float = par(2e-3, "kg*m^2", (1e-7, 1e3), "inertia of the rotor")
+    disc_inertia: float = par(5e-3, "kg*m^2", (1e-7, 1e3), "inertia of the disc")
+    shaft_stiffness: float = par(30.0, "N*m/rad", (1e-3, 1e6), "stiffness of the shaft")
+    shaft_damping: float = par(0.02, "N*m*s/rad", (0.0, 1e3), "damping of the shaft")
+    rotor_damping: float = par(0.02, "N*m*s/rad", (0.0, 1e3), "damping of the rotor's bearings")
+    disc_damping: float = par(0.01, "N*m*s/rad", (0.0, 1e3), "damping of the disc's bearings")
+    holding_rate: float = par(2.0, "N*m/rad", (0.0, 1e5), "stiffness of the spring that holds the rotor")
 
-    first_current = state("A", "current of the first coil", 0.0)
-    second_current = state("A", "current of the second coil", 0.0)
-    middle_voltage = state("V", "voltage of the first capacitor", 0.0)
-    load_voltage = state("V", "voltage of the load", 0.0)
+    rotor_angle = state("rad", "angle of the rotor", 0.0)
+    twist = state("rad", "rotor ahead of the disc", 0.0)
+    rotor_speed = state("rad/s", "speed of the rotor", 0.0)
+    disc_speed = state("rad/s", "speed of the disc", 0.0)
+    disc_angle = signal("rad", "angle of the disc")
+    slip_speed = signal("rad/s", "rate of the twist")
 
-    first_drop = slot("first_coil", "V", "further drop at the first coil", ("first_current", "middle_voltage"), 0.1)
-    core_factor = slot("first_coil", "-", "multiplies the first inductance", "first_current", 0.05, scales=True)
-    second_drop = slot("second_coil", "V", "further drop at the second coil", "second_current", 0.1)
-    middle_loss = slot("first_capacitor", "A", "current past the first capacitor", "middle_voltage", 0.02)
-    load_loss = slot("load", "A", "further current of the load", ("load_voltage", "second_current"), 0.02)
+    torque_factor = slot("motor", "-", "multiplies the torque", ("rotor_angle", "torque"), 0.05, scales=True)
+    rotor_torque = slot("rotor", "N*m", "torque on the rotor", ("rotor_speed", "rotor_angle"), 0.02)
+    shaft_torque = slot("shaft", "N*m", "further torque of the shaft", ("twist", "slip_speed"), 0.02)
+    disc_torque = slot("disc", "N*m", "torque on the disc", ("disc_speed", "disc_angle"), 0.02)
 
     def equations(self, y, s):
-        """The rates of currents and voltages."""
-        zero = 0.0 * y.first_current
-        inductance = self.first_inductance * self.core_factor.apply(1.0 + zero, s)
-        first = s.source - self.first_resistance * y.first_current - y.middle_voltage - self.first_drop.apply(zero, s)
-        second = y.middle_voltage - self.second_resistance * y.second_current - y.load_voltage
-        load = y.load_voltage / self.load_resistance + self.load_loss.apply(zero, s)
-        return {
-            "first_current": first / inductance,
-            "second_current": (second - self.second_drop.apply(zero, s)) / self.second_inductance,
-            "middle_voltage": (y.first_current - y.second_current - self.middle_loss.apply(zero, s))
-            / self.first_capacity,
-            "load_voltage": (y.second_current - load) / self.second_capacity,
-        }
+        """The rates of angles and speeds; sets the angle of the disc and the rate of the twist."""
+        zero = 0.0 * y.rotor_speed
+        s.set(disc_angle=y.rotor_angle - y.twist, slip_speed=y.rotor_speed - y.disc_speed)
+        shaft = self.shaft_stiffness * y.twist + self.shaft_damping * s.slip_speed + self.shaft_torque.apply(zero, s)
+        motor = s.torque * self.torque_factor.apply(1.0 + zero, s) - self.holding_rate * y.rotor_angle
+        rotor = motor - shaft - self.rotor_damping * y.rotor_speed + self.rotor_torque.apply(zero, s)
+        disc = shaft - self.disc_damping * y.disc_speed + self.disc_torque.apply(zero, s)
+        return {"rotor_angle": y.rotor_speed, "twist": s.slip_speed, "rotor_speed": rotor / self.rotor_inertia,
+                "disc_speed": disc / self.disc_inertia}  # fmt: skip
 
 
-_law = functools.partial(law, rig=LadderFilter)
+_law = functools.partial(law, rig=TwoFlywheels)
 
 
-def _core_rates(e, s, z):
-    slope = (s.source - s.middle_voltage - s.first_resistance * s.first_current) / s.first_inductance
-    return {"domain": slope / e.coercive_current * (1.0 - z.domain * jnp.tanh(slope / 25.0))}
+def _slipping(e, s, z):
+    return e.clamp_torque * jnp.tanh((s.rotor_speed - z.ring_speed) / 0.2)
 
 
 # fmt: off
-CORE = _law(None, "CoreSaturation",
-            "A core that saturates: L/(1 + (i/i_s)²), b = 1/i_s². Source: Fröhlich's curve, even.",
-            {"core_slope": ("1/A^2", 0.01, 3.0)},
-            core_factor=lambda e, s, z: 1.0 / (1.0 + e.core_slope * jnp.square(s.first_current))).kind
-CONTACT = _law(None, "ContactDrop", "A contact with a constant drop: V tanh(i/15 mA). Source: Holm, Electric Contacts.",
-               {"contact_voltage": ("V", 0.01, 0.8)},
-               second_drop=lambda e, s, z: e.contact_voltage * jnp.tanh(s.second_current / 0.015)).kind
-ABSORPTION = _law(None, "DielectricAbsorption", "A capacitor that absorbs charge: g (u − u_a), du_a/dt = (u − u_a)/τ. "
-                  "Source: Dow, IRE Trans. Electronic Computers EC-7 (1958) 17, one branch.",
-                  {"absorbing": ("1/ohm", 2e-4, 0.03), "absorption_time": ("s", 1e-3, 2e-2)}, states={"absorbed": "V"},
-                  middle_loss=lambda e, s, z: e.absorbing * (s.middle_voltage - z.absorbed),
-                  rates=lambda e, s, z: {"absorbed": (s.middle_voltage - z.absorbed) / e.absorption_time}).kind
-CLAMP = _law(None, "LoadClamp", "A diode across the load that conducts at positive voltage: I (exp(u/1.5 V) − 1). "
-             "Source: Shockley (1949).", {"clamp_current": ("A", 1e-4, 0.02)}, load_loss=lambda e, s, z:
-             e.clamp_current * (jnp.exp(jnp.minimum(s.load_voltage / 1.5, 6.0)) - 1.0)).kind
-WINDING = _law(None, "WindingHeat", "A winding that heats up: R_1 a ϑ i, 40 ms dϑ/dt = i² − ϑ. Source: Joule.",
-               {"winding_rise": ("1/A^2", 0.05, 6.0)}, states={"warmth": "A^2"},
-               first_drop=lambda e, s, z: s.first_resistance * e.winding_rise * z.warmth * s.first_current,
-               rates=lambda e, s, z: {"warmth": (jnp.square(s.first_current) - z.warmth) / 0.04}).kind
+BEARING = _law(None, "BearingFriction", "Dry friction of the disc's bearings: −M tanh(ω/0.15 rad/s). Source: Coulomb.",
+               {"bearing_level": ("N*m", 5e-4, 0.08)},
+               disc_torque=lambda e, s, z: -e.bearing_level * jnp.tanh(s.disc_speed / 0.15)).kind
+FAN = _law(None, "FanTorque", "Blades on the disc: −b ω |ω|/(4 rad/s)². Source: Newton's drag.",
+           {"blade_torque": ("N*m", 1e-3, 0.2)},
+           disc_torque=lambda e, s, z: -e.blade_torque * s.disc_speed * jnp.abs(s.disc_speed) / FAST**2).kind
+DETENT = _law(None, "DetentTorque", "Detent torque of the motor: −A sin(12 θ + ψ). Source: twelve teeth.",
+              {"detent_size": ("N*m", 1e-3, 0.15), "detent_start": ("rad", -3.1, 3.1)},
+              rotor_torque=lambda e, s, z: -e.detent_size * jnp.sin(12.0 * s.rotor_angle + e.detent_start)).kind
+STIFFENING = _law(None, "StiffeningShaft", "A shaft that stiffens: k_3 φ (φ/0.02 rad)². Source: Duffing (1918).",
+                  {"stiffening": ("N*m/rad", 0.02, 15.0)},
+                  shaft_torque=lambda e, s, z: e.stiffening * s.twist * jnp.square(s.twist / TWIST)).kind
+UNBALANCE = _law(None, "HangingUnbalance", "A weight on the disc, which is out of balance: −W sin(φ_2 + ψ). Source: "
+                 "statics of a pendulum.", {"unbalance": ("N*m", 2e-3, 0.3), "weight_place": ("rad", -3.1, 3.1)},
+                 disc_torque=lambda e, s, z: -e.unbalance * jnp.sin(s.disc_angle + e.weight_place)).kind
 # fmt: on
-LIBRARY: tuple[type[Effect], ...] = (CORE, CONTACT, ABSORPTION, CLAMP, WINDING)
+LIBRARY: tuple[type[Effect], ...] = (BEARING, FAN, DETENT, STIFFENING, UNBALANCE)
 LAWS = (
-    _law(CORE, "BiasedCore", "A core with remanence, which saturates at positive currents: L/(1 + b max(i, 0)). "
-         "Source: Bozorth, Ferromagnetism (1951); form chosen.", {"bias_slope": ("1/A", 0.01, 2.0)},
-         core_factor=lambda e, s, z: 1.0 / (1.0 + e.bias_slope * jnp.maximum(s.first_current, 0.0))),
-    _law(CONTACT, "OxideContact",
-         "A contact with an oxide film: V i/√(i² + (80 mA)²). Source: Holm, Electric Contacts; "
-         "form chosen.", {"oxide_voltage": ("V", 0.02, 1.0)}, second_drop=lambda e, s, z:
-         e.oxide_voltage * s.second_current / jnp.sqrt(jnp.square(s.second_current) + 0.08**2)),
-    _law(ABSORPTION, "TwofoldAbsorption", "A capacitor that absorbs charge at two rates, 2 ms and 15 ms. Source: Dow "
-         "(1958), two branches.", {"twofold": ("1/ohm", 1e-4, 0.02)}, states={"fast": "V", "slow": "V"},
-         middle_loss=lambda e, s, z: e.twofold * (2.0 * s.middle_voltage - z.fast - z.slow), rates=lambda e, s, z:
-         {"fast": (s.middle_voltage - z.fast) / 2e-3, "slow": (s.middle_voltage - z.slow) / 15e-3}),
-    _law(CLAMP, "VaristorClamp",
-         "A varistor across the load: I (u/2 V)³. Source: Levinson, Philipp, J. Applied Physics "
-         "46 (1975) 1332; exponent chosen.", {"varistor_current": ("A", 5e-4, 0.1)}, load_loss=lambda e, s, z:
-         e.varistor_current * (s.load_voltage / 2.0) * jnp.square(s.load_voltage / 2.0)),
-    _law(WINDING, "CrowdedWinding", "A winding whose resistance grows with the current at once: R_1 a |i| i. "
-         "Source: current crowding; form chosen.", {"crowding": ("1/A", 0.02, 3.0)}, first_drop=lambda e, s, z:
-         s.first_resistance * e.crowding * jnp.abs(s.first_current) * s.first_current),
+    _law(BEARING, "WetBearing", "Friction of the disc's bearings with a hump: −M (1 + 1.2 exp(−|ω|/0.5 rad/s)) "
+         "tanh(ω/0.1 rad/s). Source: Stribeck (1902).", {"wet_level": ("N*m", 5e-4, 0.06)}, disc_torque=lambda e, s, z:
+         -e.wet_level * (1.0 + 1.2 * jnp.exp(-jnp.abs(s.disc_speed) / 0.5)) * jnp.tanh(s.disc_speed / 0.1)),
+    _law(FAN, "FeatheredFan", "Blades that yield to the stream: −b u/√(1 + u²) |u|, u = ω/3 rad/s. Source: flexible "
+         "leaves; Vogel, Life in Moving Fluids; form chosen.", {"leaf_torque": ("N*m", 1e-3, 0.15)},
+         disc_torque=lambda e, s, z: -e.leaf_torque * (s.disc_speed / 3.0) * jnp.abs(s.disc_speed / 3.0)
+         / jnp.sqrt(1.0 + jnp.square(s.disc_speed / 3.0))),
+    _law(DETENT, "DoubleDetent", "Detent torque with its second harmonic: −A (sin u + 0.7 sin(2 u + 1)), u = 9 θ + ψ. "
+         "Source: Fourier series.", {"double_size": ("N*m", 1e-3, 0.12), "double_start": ("rad", -3.1, 3.1)},
+         rotor_torque=lambda e, s, z: -e.double_size * (jnp.sin(9.0 * s.rotor_angle + e.double_start)
+         + 0.7 * jnp.sin(18.0 * s.rotor_angle + 2.0 * e.double_start + 1.0))),
+    _law(STIFFENING, "StopShaft", "Stops of a shaft at ±15 mrad: k max(|φ| − 15 mrad, 0) sgn φ, rounded over 2 mrad. "
+         "Source: two-stage clutch springs; statics.", {"stop_rate": ("N*m/rad", 0.2, 60.0)},
+         shaft_torque=lambda e, s, z: e.stop_rate * 0.5 * (2.0 * s.twist - jnp.sqrt(jnp.square(s.twist + 0.015) + 4e-6)
+         + jnp.sqrt(jnp.square(s.twist - 0.015) + 4e-6))),
+    _law(UNBALANCE, "MagneticPull", "A magnet near the disc: −W sin φ/(1.4 − cos φ), φ = φ_2 + ψ. "
+         "Source: dipole near iron; chosen.", {"pull_torque": ("N*m", 1e-3, 0.2), "pole_place": ("rad", -1.5, 1.5)},
+         disc_torque=lambda e, s, z: -e.pull_torque * jnp.sin(s.disc_angle + e.pole_place)
+         / (1.4 - jnp.cos(s.disc_angle + e.pole_place))),
 )  # fmt: skip
 UNLISTED = (
-    _law(None, "CoreHysteresis", "Hysteresis of the core: a drop V r, dr/dt = (di/dt/i_c) (1 − r sgn(di/dt)) (memory). "
-         "Source: Coleman, Hodgdon (1986), simplest form.",
-         {"core_voltage": ("V", 0.02, 1.0), "coercive_current": ("A", 0.02, 0.3)}, states={"domain": "-"},
-         confused_with=("core_saturation", "winding_heat"),
-         first_drop=lambda e, s, z: e.core_voltage * z.domain, rates=_core_rates),
-    _law(None, "StrayCoupling",
-         "Coils that couple through their currents: −M i_1 i_2/(1 A) as a drop (current × current). "
-         "Source: form chosen.", {"stray_voltage": ("V", -2.0, 2.0)}, confused_with=("contact_drop", "core_saturation"),
-         second_drop=lambda e, s, z: e.stray_voltage * s.first_current * s.second_current),
-    _law(None, "DryingCapacitor", "A capacitor whose leakage grows steadily: g u t/0.1 s (drift). Source: form chosen.",
-         {"drying": ("1/ohm", 2e-4, 0.03)}, confused_with=("dielectric_absorption",),
-         middle_loss=lambda e, s, z: e.drying * s.middle_voltage * s.time / 0.1),
-    _law(None, "SwitchingLoad", "A further load above a voltage, by its size: I tanh(max(|u| − 2 V, 0)/0.5 V) sgn u. "
-         "Source: form chosen.", {"switched": ("A", 2e-3, 0.15)}, confused_with=("load_clamp",),
-         load_loss=lambda e, s, z: e.switched * jnp.tanh(s.load_voltage)
-         * jnp.tanh(jnp.maximum(jnp.abs(s.load_voltage) - 2.0, 0.0) / 0.5)),
+    _law(None, "SlippingRing", "A ring of 3e-4 kg·m² that slips on the rotor: −M th, th = tanh((ω_1 − ω_r)/0.2 rad/s), "
+         "3e-4 dω_r/dt = M th (memory). Source: Lanchester's damper (1914).", {"clamp_torque": ("N*m", 2e-3, 0.1)},
+         states={"ring_speed": "rad/s"}, confused_with=("bearing_friction", "detent_torque"),
+         rotor_torque=lambda e, s, z: -_slipping(e, s, z),
+         rates=lambda e, s, z: {"ring_speed": _slipping(e, s, z) / 3e-4}),
+    _law(None, "AngleDamping", "Damping of the disc that grows with its angle: −c ω (φ_2/0.2 rad)² (angle × speed). "
+         "Source: a wedge-shaped gap of oil; form chosen.", {"wedge_size": ("N*m*s/rad", 3e-4, 0.08)},
+         confused_with=("bearing_friction", "fan_torque"),
+         disc_torque=lambda e, s, z: -e.wedge_size * s.disc_speed * jnp.square(s.disc_angle / 0.2)),
+    _law(None, "RelaxingShaft", "A bushing that relaxes: k (φ − φ_r), τ dφ_r/dt = φ − φ_r (memory). Source: Maxwell.",
+         {"bushing_rate": ("N*m/rad", 0.2, 15.0), "bushing_time": ("s", 5e-3, 60e-3)}, states={"crept": "rad"},
+         confused_with=("stiffening_shaft",), shaft_torque=lambda e, s, z: e.bushing_rate * (s.twist - z.crept),
+         rates=lambda e, s, z: {"crept": (s.twist - z.crept) / e.bushing_time}),
+    _law(None, "LooseningClamp", "A shaft whose clamp loosens: −k φ t/0.5 s (drift). Source: form chosen.",
+         {"loosened": ("N*m/rad", 0.05, 8.0)}, confused_with=("stiffening_shaft",),
+         shaft_torque=lambda e, s, z: -e.loosened * s.twist * s.time / 0.5),
 )  # fmt: skip
 
 
-class LadderDisturbances(Effect, rig=LadderFilter):
-    """Small unlisted effects of the filter; one parameter sets the size of each."""
+class TwoFlywheelsDisturbances(Effect, rig=TwoFlywheels):
+    """Small unlisted effects of the flywheels; one parameter sets the size of each."""
 
-    mains_hum: float = size_par("V", "hum of the mains in the first coil")
-    hum_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    radio: float = size_par("A", "a radio signal in the load")
-    radio_rate: float = shape_par(700.0, "Hz", "its frequency", (500.0, 900.0))
-    rectified: float = size_par("V", "rectification in a joint of the second coil")
-    warming_load: float = size_par("1/ohm", "conductance of the load that falls with time, after 0.1 s")
+    rocking: float = size_par("N*m", "rocking of the frame, on the rotor")
+    rocking_rate: float = shape_par(4.5, "Hz", "its frequency", (3.0, 7.0))
+    rocking_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    drive_belt: float = size_par("N*m", "flutter of a belt on the disc")
+    belt_rate: float = shape_par(55.0, "Hz", "its frequency", (40.0, 75.0))
+    one_sided: float = size_par("-", "gain of the motor that differs between the signs of its torque")
+    tight_cable: float = size_par("N*m", "a cable that pulls at the rotor, after a while")
 
-    def first_drop(self, s, z):
-        """Hum [V]."""
-        return self.mains_hum * jnp.sin(2.0 * jnp.pi * 50.0 * s.time + self.hum_phase)
+    def rotor_torque(self, s, z):
+        """Rocking and cable [N·m]."""
+        rocking = self.rocking * jnp.sin(2.0 * jnp.pi * self.rocking_rate * s.time + self.rocking_phase)
+        return rocking + self.tight_cable * jnp.tanh(s.time / 0.2) * jnp.exp(-s.rotor_angle / 0.1)
 
-    def second_drop(self, s, z):
-        """Rectified voltage [V]."""
-        return self.rectified * jnp.square(s.second_current / 0.2)
+    def disc_torque(self, s, z):
+        """Flutter [N·m]."""
+        return self.drive_belt * jnp.sin(2.0 * jnp.pi * self.belt_rate * s.time) + 0.0 * s.disc_speed
 
-    def load_loss(self, s, z):
-        """Radio signal and change of the load [A]."""
-        radio = self.radio * jnp.sin(2.0 * jnp.pi * self.radio_rate * s.time)
-        return radio - self.warming_load * s.load_voltage * s.time / 0.1
+    def torque_factor(self, s, z):
+        """Unequal gain."""
+        return 1.0 + self.one_sided * jnp.tanh(s.torque / 0.05)
 
 
 DISTURBANCES = (
-    Disturbance(LadderDisturbances, "mains_hum", 0.02, ("hum_phase",)),
-    Disturbance(LadderDisturbances, "radio", 2e-3, ("radio_rate",)),
-    Disturbance(LadderDisturbances, "rectified", 0.02),
-    Disturbance(LadderDisturbances, "warming_load", 5e-4),
+    Disturbance(TwoFlywheelsDisturbances, "rocking", 2e-3, ("rocking_rate", "rocking_phase")),
+    Disturbance(TwoFlywheelsDisturbances, "drive_belt", 3e-3, ("belt_rate",)),
+    Disturbance(TwoFlywheelsDisturbances, "one_sided", 5e-3),
+    Disturbance(TwoFlywheelsDisturbances, "tight_cable", 2e-3),
 )
-DRIFTS = (RunDrift("coil warms up", "first_resistance", warmer_in_sessions),)
+DRIFTS = (RunDrift("bearings cool down", "rotor_damping", cooling_room),)
 BENCH = Bench(
-    "ladder filter", functools.partial(LadderFilter, source=Sine(ramp_time=0.02)), (),
-    {"first_inductance": 0.03, "second_inductance": 0.03, "first_capacity": 0.05, "second_capacity": 0.05,
-     "first_resistance": 0.05, "second_resistance": 0.05, "load_resistance": 0.03},
-    {"first_current": Channel("A", 2e-3), "middle_voltage": Channel("V", 6e-3), "load_voltage": Channel("V", 6e-3)},
+    "two flywheels", functools.partial(TwoFlywheels, torque=Sine(ramp_time=0.1)), (),
+    {"rotor_inertia": 0.02, "disc_inertia": 0.02, "shaft_stiffness": 0.04, "shaft_damping": 0.3, "rotor_damping": 0.25,
+     "disc_damping": 0.3, "holding_rate": 0.05},
+    {"rotor_angle": Channel("rad", 4e-4), "rotor_speed": Channel("rad/s", 1e-2), "disc_speed": Channel("rad/s", 1e-2)},
     planned_runs(
         {"frequency": 1.0, "amplitude": 1.0},
-        ("fit", 0.16, 37.0, 6.0), ("fit", 0.12, 71.0, 4.0), ("fit", 0.12, 113.0, 5.0), ("fit", 0.10, 167.0, 8.0),
-        ("fit", 0.10, 241.0, 9.0), ("holdout", 0.12, 89.0, 6.0),
-    ), 1e-4, 1.0, step=1e-5,
+        ("fit", 0.9, 4.1, 0.3), ("fit", 0.7, 7.3, 0.6), ("fit", 0.6, 11.7, 0.8), ("fit", 0.5, 19.4, 0.4),
+        ("fit", 0.5, 27.9, 0.4), ("fit", 0.6, 9.2, 0.25), ("holdout", 0.6, 14.6, 0.7),
+    ), 1e-3, 1.0, step=5e-5,
 )  # fmt: skip

@@ -5,47 +5,45 @@ import numpy as np
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 
 
-def _hand_wheel(rng, runs):
-    """A hand wheel with play: 0.3 … 0.9 % above or below, by the direction from which a setting was reached."""
-    return 1.0 + rng.uniform(0.003, 0.009) * np.where(rng.uniform(size=runs) < 0.5, 1.0, -1.0)
+def _misread_scale(rng, runs):
+    """A scale that is misread in the same way in all runs, 0.4 … 1.1 %, and set to 0.1 %."""
+    return 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.004, 0.011) + 0.001 * rng.standard_normal(runs)
 
 
-def warmer_in_sessions(rng, runs):
-    """Warmer within each session of three runs, cold again after the pause: up to 0.6 … 1.6 %."""
-    return 1.0 + rng.uniform(0.006, 0.016) * (np.arange(runs) % 3) / 2.0
+def _creeping_valve(rng, runs):
+    """A valve that creeps from run to run, a random walk with steps of 0.2 … 0.4 %."""
+    return 1.0 + np.cumsum(rng.uniform(0.002, 0.004, runs) * rng.choice([-1.0, 1.0], runs))
 
 
-def _refilled(rng, runs):
-    """Fresh oil after one of the runs: 2 … 5 % from then on, either sign."""
-    first = rng.integers(1, runs) if runs > 1 else 1
-    return 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.05) * (np.arange(runs) >= first)
+def cooling_room(rng, runs):
+    """A room that cools down after a warm morning: 0.6 … 1.6 % above the last run at first."""
+    return 1.0 + rng.uniform(0.006, 0.016) * np.exp(-1.5 * np.arange(runs) / max(runs - 1, 1))
 
 
-def _oscillating(rng, runs):
-    """A thermostat: two periods over the campaign, 0.3 … 0.8 %."""
-    angle = 4.0 * np.pi * np.arange(runs) / max(runs, 2) + rng.uniform(0.0, 6.0)
-    return 1.0 + rng.uniform(0.003, 0.008) * np.sin(angle)
+def _heated_by_the_last(rng, runs):
+    """Each run is warmer by chance, by how long the pause before it was: 0 … 1.2 %."""
+    return 1.0 + rng.uniform(0.0, 0.012, runs)
 
 
-def _one_group_off(rng, count):
-    """The first or the last third of the sheet 1.5 … 2.3 standard deviations off in one direction."""
-    out = np.clip(rng.standard_normal(count), -1.5, 1.5)
-    third = slice(0, -(-count // 3)) if rng.uniform() < 0.5 else slice(count - count // 3 or 0, count)
-    out[third] = rng.choice([-1.0, 1.0]) * rng.uniform(1.5, 2.3)
-    return out
+def _settling_oil(rng, runs):
+    """Oil that warms up from run to run towards a steady state: 2 … 6 % less at the end."""
+    return 1.0 - rng.uniform(0.02, 0.06) * (1.0 - np.exp(-np.arange(runs) / 2.5))
 
 
-def _one_forgotten(rng, count):
-    """One parameter 2.4 … 2.9 standard deviations off, the others within half of one."""
-    out = rng.uniform(-0.5, 0.5, count)
-    out[rng.integers(count)] = rng.choice([-1.0, 1.0]) * rng.uniform(2.4, 2.9)
-    return out
+def _one_sided(rng, count):
+    """All parameters off in one direction, as of a worn machine: 0.3 … 1.9 standard deviations."""
+    return rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 1.9, count)
+
+
+def _sheet_of_another(rng, count):
+    """The sheet of another specimen: deviations 1.3 times as large as stated, at most 2.6 standard deviations."""
+    return np.clip(1.3 * rng.standard_normal(count), -2.6, 2.6)
 
 
 DRIFTS = (
-    RunDrift("hand wheel with play", None, _hand_wheel), RunDrift("thermostat", None, _oscillating),
-    RunDrift("coil warms up in sessions", "coil_resistance", warmer_in_sessions),
-    RunDrift("force constant of sessions", "force_constant", warmer_in_sessions),
-    RunDrift("oil is refilled", "oil_viscosity", _refilled),
+    RunDrift("misread scale", None, _misread_scale), RunDrift("creeping valve", None, _creeping_valve),
+    RunDrift("room cools down", "coil_resistance", cooling_room),
+    RunDrift("magnets after pauses", "force_constant", _heated_by_the_last),
+    RunDrift("oil warms up", "oil_viscosity", _settling_oil),
 )  # fmt: skip
-SHEETS = (WrongSheet("one group off", _one_group_off), WrongSheet("one forgotten", _one_forgotten))
+SHEETS = (WrongSheet("all off in one direction", _one_sided), WrongSheet("sheet of another", _sheet_of_another))

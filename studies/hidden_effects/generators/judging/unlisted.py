@@ -5,137 +5,157 @@ import math
 import jax.numpy as jnp
 
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL, smooth_sign
-from studies.hidden_effects.generators.functions import smooth_positive, wrapped
 from studies.hidden_effects.generators.laws import law
 from studies.hidden_effects.generators.places import is_chamber_b
 
-ANGLE = ("rad", -math.pi, math.pi)
-GAUGE = 0.5e6  # Pa, a usual pressure of the pump
+TURN = ("rad", -math.pi, math.pi)
+USUAL = 0.5e6  # Pa, a usual pressure of the pump
 
 
 def _drop(s):
     return s.chamber_pressure - s.accumulator_pressure
 
 
-def _pocket(e, s, z):
-    """Flow into a dead-end pocket of the chamber at hand."""
-    filled = z.pocket_b if is_chamber_b(s) else z.pocket_a
-    return e.pocket_flow * (s.chamber_pressure / GAUGE - filled)
+def _share(s):
+    return s.piston_position / REFERENCE_TRAVEL
 
 
-def _pocket_rates(e, s, z):
-    pressures = {"pocket_a": s.chamber_pressure_a, "pocket_b": s.chamber_pressure_b}
-    return {n: (p / GAUGE - getattr(z, n)) / e.pocket_time for n, p in pressures.items()}
+def _grip(e, s, z):
+    return e.nut_grip * jnp.tanh((s.piston_velocity - z.nut_speed) / 8e-3)
 
 
-def _rope_rates(e, s, z):
-    v, r = s.cylinder_velocity, z.stretched
-    return {"stretched": (v - 0.6 * jnp.abs(v) * r * jnp.abs(r) - 0.4 * v * r * r) / e.rope_slip}
+def _late_lip(e, s, z):
+    return e.lip_gap * _drop(s) * (1.0 - (z.closed_b if is_chamber_b(s) else z.closed_a))
+
+
+def _late_lip_rates(e, s, z):
+    over = {n: jnp.square((getattr(s, f"chamber_pressure_{n}") - s.accumulator_pressure) / 0.3e6) for n in "ab"}
+    return {f"closed_{n}": (u / (1.0 + u) - getattr(z, f"closed_{n}")) / e.lip_time for n, u in over.items()}
+
+
+def _ringing_rates(e, s, z):
+    omega = 2.0 * math.pi * e.ring_rate
+    return {"ring": omega * z.ring_slope, "ring_slope": omega * (s.voltage - z.ring - 0.5 * z.ring_slope)}
+
+
+def _hung(e, s, z):
+    """Force per kilogram that a hung mass exerts on the load."""
+    omega = 2.0 * math.pi * e.swing_rate
+    return omega * omega * z.swung + 0.1 * omega * (z.swing_speed - s.cylinder_velocity)
 
 
 LEAKS = ("piston_leakage", "suction_seat_leakage", "delivery_seat_leakage")
 FRICTIONS = ("lugre_friction", "stroke_dependent_friction", "asymmetric_friction", "seal_friction")
 MOTORS = ("magnetic_saturation", "force_constant_droop", "reluctance_force")
 VOLTAGES = ("inverter_dead_time", "amplifier_lag", "coil_heating", "supply_sag")
+BALLS = ("valve_flow_force", "valve_adhesion")
 UNLISTED = (
-    law(None, "EndCushion", "Oil that is squeezed out of narrow ends: −c v (x/x_m)⁴ (position × speed). "
-        "Source: squeeze film, Hamrock (1991); the power is chosen.", {"cushion_size": ("N*s/m", 5.0, 500.0)},
-        confused_with=("eddy_drag", *FRICTIONS), mover_force=lambda e, s, z:
-        -e.cushion_size * s.piston_velocity * jnp.square(jnp.square(s.piston_position / REFERENCE_TRAVEL))),
-    law(None, "DraggedMass", "A mass of oil that the mover drags along, with a lag: −d (v − v_r), "
-        "τ dv_r/dt = v − v_r. Source: added mass with viscous coupling; Brennen, Added mass (1982); one lag.",
-        {"drag_coupling": ("N*s/m", 2.0, 100.0), "drag_time": ("s", 3e-3, 40e-3)}, states={"dragged": "m/s"},
-        confused_with=("eddy_drag", "coupling_compliance", "parasitic_spring"),
-        mover_force=lambda e, s, z: -e.drag_coupling * (s.piston_velocity - z.dragged),
-        rates=lambda e, s, z: {"dragged": (s.piston_velocity - z.dragged) / e.drag_time}),
-    law(None, "DryingGuide", "Dry friction that grows steadily: F (t/0.4 s) th(v). Source: a guide that runs dry; slow "
-        "drift of one coefficient.", {"drying_level": ("N", 0.5, 12.0)}, confused_with=FRICTIONS,
-        mover_friction=lambda e, s, z: e.drying_level * s.time / 0.4 * smooth_sign(s.sliding_velocity)),
-    law(None, "LoadedGuide", "Dry friction that the current presses on away from mid-stroke: F |i x|/(3 A x_m) th(v) "
-        "(current × position). Source: side pull of an eccentric coil; form chosen.",
-        {"guide_load": ("N", 0.5, 15.0)}, confused_with=FRICTIONS, mover_friction=lambda e, s, z: e.guide_load
-        * jnp.abs(s.current * s.piston_position) / (3.0 * REFERENCE_TRAVEL) * smooth_sign(s.sliding_velocity)),
-    law(None, "StrandedStop", "A washer that sticks to the mover and slides late: F r, r = hysteresis of width w over "
-        "position, dr/dt = (v/w) (1 − r² sgn(v r)) (memory). Source: Bliman, Sorine, Dahl-type models (1995).",
-        {"washer_level": ("N", 0.5, 8.0), "washer_slip": ("m", 0.4e-3, 2e-3)}, states={"pushed": "-"},
-        confused_with=(*FRICTIONS, "parasitic_spring"), mover_force=lambda e, s, z: -e.washer_level * z.pushed,
-        rates=lambda e, s, z: {"pushed": (s.piston_velocity - jnp.abs(s.piston_velocity) * z.pushed
-                                          * jnp.abs(z.pushed)) / e.washer_slip}),
-    law(None, "ShiftedField", "A field that the current shifts along the stroke: Km (1 + κ (x/x_m) i/5 A) (current × "
-        "position), in the force alone. Source: armature reaction of linear motors; Boldea (2013).",
-        {"field_shift": ("-", -0.4, 0.4)}, confused_with=MOTORS, motor_force_factor=lambda e, s, z:
-        1.0 + e.field_shift * s.piston_position / REFERENCE_TRAVEL * s.current / 5.0),
-    law(None, "LossyIron", "A motor force that falls with current and speed: F_e (1 − κ √(u² + 0.01)), "
-        "u = i v/(3 A 0.2 m/s) (current × speed). Source: eddy currents in the yoke of a loaded motor; form chosen.",
-        {"iron_loss": ("-", 0.02, 0.4)}, confused_with=(*MOTORS, "eddy_drag"), motor_force_factor=lambda e, s, z:
-        1.0 - e.iron_loss * jnp.sqrt(jnp.square(s.current * s.piston_velocity / 0.6) + 0.01)),
-    law(None, "LosingMagnets", "Magnets that lose field under load for good: Km (1 − ε (1 − exp(−q))), "
-        "dq/dt = (i/4 A)²/0.15 s (drift). Source: irreversible demagnetisation; Coey, Magnetism (2010); form chosen.",
-        {"field_loss": ("-", 0.01, 0.2)}, states={"stress": "-"}, confused_with=(*MOTORS, "coil_heating"),
-        force_constant_factor=lambda e, s, z: 1.0 - e.field_loss * (1.0 - jnp.exp(-z.stress)),
-        rates=lambda e, s, z: {"stress": jnp.square(s.current / 4.0) / 0.15}),
-    law(None, "ThermalTail",
-        "An output stage whose voltage falls after a load: −r i_s, di_s/dt = (i − i_s)/τ (memory). "
-        "Source: thermal tails of output transistors; Self, Audio Power Amplifier Design (2013).",
-        {"tail_resistance": ("ohm", 0.03, 2.0), "tail_time": ("s", 5e-3, 40e-3)}, states={"tail": "A"},
-        confused_with=VOLTAGES, coil_voltage_change=lambda e, s, z: -e.tail_resistance * z.tail,
-        rates=lambda e, s, z: {"tail": (s.current - z.tail) / e.tail_time}),
-    law(None, "CoarseModulator", "A modulator with few steps of voltage: u rounded to multiples of q. "
-        "Source: Widrow, Kollár, Quantization Noise (2008).", {"modulator_step": ("V", 0.3, 4.0)},
-        confused_with=VOLTAGES, coil_voltage_change=lambda e, s, z:
-        -e.modulator_step / (2.0 * math.pi) * wrapped(2.0 * math.pi * s.voltage / e.modulator_step)),
-    law(None, "SlowBrush",
-        "A contact whose resistance grows with current and speed: −R i |v|/(|v| + 0.1 m/s) (current × "
-        "speed). Source: lift of sliding contacts; Holm, Electric Contacts (1967); form chosen.",
-        {"brush_resistance": ("ohm", 0.02, 2.0)}, confused_with=VOLTAGES, coil_voltage_change=lambda e, s, z:
-        -e.brush_resistance * s.current * jnp.abs(s.piston_velocity) / (jnp.abs(s.piston_velocity) + 0.1)),
-    law(None, "UncoveredGroove", "A groove that the plunger uncovers near its ends: k Δp (1 + tanh((|x| − 2.6 mm)/"
-        "0.4 mm))/2 (pressure × position). Source: control edges of plunger pumps; Ivantysyn (2001).",
-        {"groove_size": ("m^3/(s*Pa)", 5e-15, 5e-12)}, confused_with=LEAKS, chamber_leakage=lambda e, s, z:
-        e.groove_size * _drop(s) * 0.5 * (1.0 + jnp.tanh((jnp.abs(s.piston_position) - 2.6e-3) / 0.4e-3))),
-    law(None, "DeadEndPocket", "A pocket behind a throttle that fills and empties: Q = k (p − p_t), dp_t/dt = "
-        "(p − p_t)/τ (memory). Source: RC volume behind a seal; Merritt (1967).",
-        {"pocket_flow": ("m^3/s", 2e-8, 3e-6), "pocket_time": ("s", 0.5e-3, 20e-3)},
-        states={"pocket_a": "-", "pocket_b": "-"}, confused_with=("entrained_air", "coupling_compliance", *LEAKS),
-        chamber_leakage=_pocket, rates=_pocket_rates),
-    law(None, "WearingSeal",
-        "Leakage that grows steadily: k Δp t/0.4 s (drift). Source: Archard, J. Applied Physics 24 "
-        "(1953) 981, wear in proportion to time.", {"wear_size": ("m^3/(s*Pa)", 5e-15, 5e-12)}, confused_with=LEAKS,
-        chamber_leakage=lambda e, s, z: e.wear_size * _drop(s) * s.time / 0.4),
-    law(None, "SpeedOpenedGap", "Leakage past a lip that motion lifts when it is not pressed: k Δp w/(1 + Δp²/"
-        "(0.4 MPa)²), w = |v|/0.2 m/s (pressure × speed). Source: Hirano, Kaneta (1971); form chosen.",
-        {"lifted_size": ("m^3/(s*Pa)", 1e-14, 1e-11)}, confused_with=LEAKS, chamber_leakage=lambda e, s, z:
-        e.lifted_size * _drop(s) * jnp.abs(s.plunger_velocity) / 0.2 / (1.0 + jnp.square(_drop(s) / 0.4e6))),
-    law(None, "BallCushion", "A cushion that brakes the ball near its largest lift: −c ẏ (1 + tanh((y − 0.3 mm)/"
-        "50 µm))/2 (lift × speed). Source: dashpot stops of valves; form chosen.", {"stop_size": ("N*s/m", 0.1, 20.0)},
-        confused_with=("valve_flow_force", "valve_adhesion"), check_valve_force=lambda e, s, z:
-        -e.stop_size * s.lift_velocity * 0.5 * (1.0 + jnp.tanh((s.lift - 0.3e-3) / 50e-6))),
-    law(None, "ChokedBall", "A force on the ball by pressure and lift: F (Δp/0.2 MPa) (y/0.4 mm) exp(1 − y/0.4 mm), "
-        "opening (pressure × lift). Source: pressure recovery under a disc; Takenaka et al. (1964); form chosen.",
-        {"lift_force": ("N", 0.05, 2.0)}, confused_with=("valve_flow_force", "valve_adhesion"),
-        check_valve_force=lambda e, s, z: e.lift_force * s.pressure_drop / 0.2e6 * jnp.maximum(s.lift, 0.0) / 0.4e-3
-        * jnp.exp(1.0 - jnp.maximum(s.lift, 0.0) / 0.4e-3)),
-    law(None, "ChatteringLoad", "A load valve that chatters: a resistance R (1 + sin(2π f t + φ))/2 in series. "
-        "Source: self-excited valves; Hayashi, Int. Symposium on Fluid Power (1995).",
-        {"chatter_size": ("Pa*s/m^3", 1e8, 1e10), "chatter_rate": ("Hz", 6.0, 25.0), "chatter_start": ANGLE},
-        confused_with=("hose_compliance",), outlet_line_resistance=lambda e, s, z: e.chatter_size * 0.5
-        * (1.0 + jnp.sin(2.0 * jnp.pi * e.chatter_rate * s.time + e.chatter_start))),
-    law(None, "ThixotropicOil", "Oil that thins as it is sheared and recovers: viscosity/(1 + s w), 80 ms dw/dt = "
-        "|v|/0.2 m/s − w (memory). Source: Moore, Trans. British Ceramic Society 58 (1959) 470.",
-        {"thinning": ("-", 0.2, 3.0)}, states={"sheared": "-"}, confused_with=("oil_temperature", *LEAKS),
-        oil_viscosity_factor=lambda e, s, z: 1.0 / (1.0 + e.thinning * z.sheared),
-        rates=lambda e, s, z: {"sheared": (jnp.abs(s.piston_velocity) / 0.2 - z.sheared) / 0.08}),
-    law(None, "FilmOnRod", "Drag of the cylinder that grows with pressure: −c v_c (p_h/0.5 MPa)² (pressure × speed). "
-        "Source: squeezed film of a pressed seal; form chosen.", {"film_size": ("N*s/m", 10.0, 3000.0)},
+    law(None, "LeakyAirSpring", "Air behind the mover that leaks: −k (x − x_l), τ dx_l/dt = x − x_l (memory). "
+        "Source: dashpots with a vent; Den Hartog, Mechanical Vibrations (1934).",
+        {"trapped_rate": ("N/m", 150.0, 8e3), "vent_time": ("s", 3e-3, 30e-3)}, states={"vented": "m"},
+        confused_with=("parasitic_spring", "eddy_drag", "coupling_compliance"),
+        mover_force=lambda e, s, z: -e.trapped_rate * (s.piston_position - z.vented),
+        rates=lambda e, s, z: {"vented": (s.piston_position - z.vented) / e.vent_time}),
+    law(None, "CoveredVent", "Air that is blown out of a vent which the mover covers: −c v |v| (1 + tanh(x/1.2 mm))/2 "
+        "(position × speed). Source: flow through an orifice of changing area; Bernoulli.",
+        {"vent_drag": ("N*s^2/m^2", 5.0, 400.0)}, confused_with=("eddy_drag", "asymmetric_damping", *FRICTIONS),
+        mover_force=lambda e, s, z: -e.vent_drag * s.piston_velocity * jnp.abs(s.piston_velocity)
+        * 0.5 * (1.0 + jnp.tanh(s.piston_position / 1.2e-3))),
+    law(None, "FilmFriction", "Dry friction that falls while a film builds up: F th(v)/(1 + w), "
+        "50 ms dw/dt = |v|/40 mm/s − w (memory). Source: mixed lubrication with a lag; Hess, Soom, J. Tribology 112 "
+        "(1990) 147; form chosen.", {"bare_level": ("N", 1.0, 20.0)}, states={"film": "-"}, confused_with=FRICTIONS,
+        mover_friction=lambda e, s, z: e.bare_level * smooth_sign(s.sliding_velocity) / (1.0 + z.film),
+        rates=lambda e, s, z: {"film": (jnp.abs(s.sliding_velocity) / 0.04 - z.film) / 50e-3}),
+    law(None, "PolishedGuide", "Dry friction that travel wears off: F exp(−w/30 mm) th(v), dw/dt = |v| (drift). "
+        "Source: running-in; Blau, Friction Science and Technology (2009).", {"rough_level": ("N", 0.8, 15.0)},
+        states={"travel": "m"}, confused_with=FRICTIONS, mover_friction=lambda e, s, z:
+        e.rough_level * jnp.exp(-z.travel / 30e-3) * smooth_sign(s.sliding_velocity),
+        rates=lambda e, s, z: {"travel": jnp.abs(s.sliding_velocity)}),
+    law(None, "CantedPlunger", "Dry friction of plungers that pressure cants when they are out: "
+        "F |p_A − p_B|/0.5 MPa |x|/x_m th(v) (pressure × position), rounded. Source: side force of overhung plungers; "
+        "Ivantysyn (2001).", {"cant_level": ("N", 0.5, 15.0)}, confused_with=FRICTIONS, mover_friction=lambda e, s, z:
+        e.cant_level * jnp.sqrt(jnp.square((s.chamber_pressure_a - s.chamber_pressure_b) / USUAL * _share(s)) + 1e-4)
+        * smooth_sign(s.sliding_velocity)),
+    law(None, "LooseNut", "A nut of 25 g that slides on the mover: −F th, th = tanh((v − v_n)/8 mm/s), "
+        "25 g dv_n/dt = F th (memory). Source: Coulomb dampers, Lanchester (1914).", {"nut_grip": ("N", 0.1, 4.0)},
+        states={"nut_speed": "m/s"}, confused_with=("coupling_compliance", "backlash", "lugre_friction"),
+        mover_force=lambda e, s, z: -_grip(e, s, z), rates=lambda e, s, z: {"nut_speed": _grip(e, s, z) / 25e-3}),
+    law(None, "LoadRipple", "A ripple along the magnets that grows with the current: F_e (1 + ε |i|/3 A sin(2π x/τ + "
+        "φ)) (current × position), |i| rounded. Source: tooth saturation; Gieras, Piech, Tomczuk (2011).",
+        {"load_ripple": ("-", 0.01, 0.3), "pole_length": ("m", 3e-3, 9e-3), "pole_shift": TURN},
+        confused_with=(*MOTORS, "cogging_force"), motor_force_factor=lambda e, s, z: 1.0 + e.load_ripple
+        * jnp.sqrt(jnp.square(s.current / 3.0) + 1e-4)
+        * jnp.sin(2.0 * jnp.pi * s.piston_position / e.pole_length + e.pole_shift)),
+    law(None, "DiffusingFlux", "A part of the motor force that comes late: −K (i − i_s), τ di_s/dt = i − i_s (memory). "
+        "Source: eddy currents in solid yokes; Stoll (1974), one time constant.",
+        {"late_constant": ("N/A", 0.15, 6.0), "flux_time": ("s", 1e-3, 12e-3)}, states={"soaking": "A"},
+        confused_with=(*MOTORS, "eddy_drag", "amplifier_lag"),
+        mover_force=lambda e, s, z: -e.late_constant * (s.current - z.soaking),
+        rates=lambda e, s, z: {"soaking": (s.current - z.soaking) / e.flux_time}),
+    law(None, "PatchyTrack", "A sliding contact on a patchy track: −R i (1 + cos(2π x/τ + φ))/2 (current × position). "
+        "Source: contact films; Holm, Electric Contacts (1967); form chosen.",
+        {"patch_resistance": ("ohm", 0.03, 2.0), "patch_length": ("m", 1.5e-3, 5e-3), "patch_shift": TURN},
+        confused_with=(*VOLTAGES, "force_constant_droop"), coil_voltage_change=lambda e, s, z: -e.patch_resistance
+        * s.current * 0.5 * (1.0 + jnp.cos(2.0 * jnp.pi * s.piston_position / e.patch_length + e.patch_shift))),
+    law(None, "FadingGain", "An amplifier whose gain fades: −g u t/0.4 s (drift). Source: drift of a divider.",
+        {"gain_fall": ("-", 0.01, 0.3)}, confused_with=VOLTAGES,
+        coil_voltage_change=lambda e, s, z: -e.gain_fall * s.voltage * s.time / 0.4),
+    law(None, "RingingChoke", "An output filter that rings beside the amplifier: g (u_f − u), "
+        "d²u_f/dt² = ω² (u − u_f) − 0.5 ω du_f/dt (memory). Source: LC filters; Erickson, Maksimović, Fundamentals of "
+        "Power Electronics.", {"ring_share": ("-", 0.04, 0.6), "ring_rate": ("Hz", 150.0, 900.0)},
+        states={"ring": "V", "ring_slope": "V"}, confused_with=("amplifier_lag", "inverter_dead_time"),
+        coil_voltage_change=lambda e, s, z: e.ring_share * (z.ring - s.voltage), rates=_ringing_rates),
+    law(None, "LateLip", "A lip that closes late under pressure: k Δp (1 − c), τ dc/dt = q²/(1 + q²) − c, "
+        "q = Δp/0.3 MPa (memory). Source: viscoelastic lip seals; Müller, Nau (1998); form chosen.",
+        {"lip_gap": ("m^3/(s*Pa)", 1e-14, 1e-11), "lip_time": ("s", 4e-3, 40e-3)},
+        states={"closed_a": "-", "closed_b": "-"}, confused_with=LEAKS, chamber_leakage=_late_lip,
+        rates=_late_lip_rates),
+    law(None, "SiltedGap", "A leak that silts up as oil is moved: k Δp exp(−w/40 mm), dw/dt = |v| (drift). Source: "
+        "silting of clearances; Hermia, Trans. IChemE 60 (1982) 183; form chosen.",
+        {"open_gap": ("m^3/(s*Pa)", 1e-14, 1e-11)}, states={"passed": "m"}, confused_with=LEAKS,
+        chamber_leakage=lambda e, s, z: e.open_gap * _drop(s) * jnp.exp(-z.passed / 40e-3),
+        rates=lambda e, s, z: {"passed": jnp.abs(s.piston_velocity)}),
+    law(None, "ChurnedAir", "Oil that takes up air while it is churned: α p_atm/p² w, 60 ms dw/dt = |v|/0.2 m/s − w "
+        "(memory). Source: aeration of reservoirs; form chosen.", {"churned_share": ("-", 5e-4, 0.02)},
+        states={"churning": "-"}, confused_with=("entrained_air", "hose_compliance", "coupling_compliance"),
+        oil_compressibility=lambda e, s, z: e.churned_share * s.atmospheric_pressure / jnp.square(s.pressure)
+        * z.churning,
+        rates=lambda e, s, z: {"churning": (jnp.abs(s.piston_velocity) / 0.2 - z.churning) / 60e-3}),
+    law(None, "BallInStream", "Drag of the ball in the stream: −c ẏ |Δp|/0.1 MPa (pressure × lift speed), rounded. "
+        "Source: damping by the momentum of the stream; Merritt (1967); form chosen.",
+        {"stream_drag": ("N*s/m", 0.05, 20.0)}, confused_with=BALLS, check_valve_force=lambda e, s, z:
+        -e.stream_drag * s.lift_velocity * jnp.sqrt(jnp.square(s.pressure_drop / 0.1e6) + 1e-4)),
+    law(None, "SettlingSprings", "Valve springs that settle: F t/0.4 s, opening (drift). Source: relaxed springs, "
+        "DIN EN 13906-1; linear in time.", {"spring_loss": ("N", 0.02, 0.6)}, confused_with=BALLS,
+        check_valve_force=lambda e, s, z: e.spring_loss * s.time / 0.4 + 0.0 * s.lift),
+    law(None, "CreepingHose", "A hose that yields late under pressure: C w, 30 ms dw/dt = p/0.5 MPa − w (memory). "
+        "Source: creep of rubber; Treloar; form chosen.", {"creep_compliance": ("m^3/Pa", 2e-14, 1e-11)},
+        states={"stretch": "-"}, confused_with=("hose_compliance", "entrained_air"),
+        outlet_capacity=lambda e, s, z: e.creep_compliance * z.stretch,
+        rates=lambda e, s, z: {"stretch": (s.outlet_pressure / USUAL - z.stretch) / 30e-3}),
+    law(None, "ShearHeatedOil", "Oil that motion heats: viscosity/(1 + h q), dq/dt = (v/0.2 m/s)²/0.15 s (drift). "
+        "Source: viscous heating without cooling; Joule.", {"heat_thinning": ("-", 0.1, 3.0)}, states={"heated": "-"},
+        confused_with=("oil_temperature", *LEAKS),
+        oil_viscosity_factor=lambda e, s, z: 1.0 / (1.0 + e.heat_thinning * z.heated),
+        rates=lambda e, s, z: {"heated": jnp.square(s.piston_velocity / 0.2) / 0.15}),
+    law(None, "CantedRod", "Friction of a rod that pressure cants: F p_h/0.5 MPa (x/10 mm) tanh(v/2 mm/s) "
+        "(pressure × position), gauge. Source: side force of an overhung rod; statics.",
+        {"rod_cant": ("N", 3.0, 100.0)}, confused_with=("karnopp_friction", "cylinder_seal_friction", "load_spring"),
+        cylinder_force=lambda e, s, z: -e.rod_cant * jnp.maximum(s.head_pressure - s.atmospheric_pressure, 0.0)
+        / USUAL * jnp.maximum(s.cylinder_position, 0.0) / 10e-3 * jnp.tanh(s.cylinder_velocity / 2e-3)),
+    law(None, "ThinningDamper", "A damper on the load whose oil warms: −c v exp(−t/0.15 s) (drift). Source: viscosity "
+        "that falls with temperature; form chosen.", {"load_damper": ("N*s/m", 30.0, 3000.0)},
         confused_with=("karnopp_friction", "cylinder_seal_friction"), cylinder_force=lambda e, s, z:
-        -e.film_size * s.cylinder_velocity * jnp.square(smooth_positive(s.head_pressure - 0.1e6, 1e3) / GAUGE)),
-    law(None, "LoadRope",
-        "A rope on the load whose strands slip: −F r, w dr/dt = v − 0.6 |v| r |r| − 0.4 v r² (memory). "
-        "Source: Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249.",
-        {"rope_level": ("N", 4.0, 80.0), "rope_slip": ("m", 0.5e-3, 4e-3)}, states={"stretched": "-"},
-        confused_with=("karnopp_friction", "load_spring"), cylinder_force=lambda e, s, z: -e.rope_level * z.stretched,
-        rates=_rope_rates),
-    law(None, "FadingSeal", "Leakage of the cylinder that grows steadily: k t/0.3 s (drift). Source: Archard (1953).",
-        {"fading_size": ("m^3/(s*Pa)", 5e-15, 2e-12)}, confused_with=("cylinder_leakage_rise",),
-        cylinder_leakage_change=lambda e, s, z: e.fading_size * s.time / 0.3),
+        -e.load_damper * s.cylinder_velocity * jnp.exp(-s.time / 0.15)),
+    law(None, "HungMass", "A mass hung on the load, ahead of it by y: m (ω² y + 0.1 ω ẏ), ẏ = v_m − v, "
+        "dv_m/dt = −ω² y − 0.1 ω ẏ (memory). Source: Den Hartog, Mechanical Vibrations (1934).",
+        {"hung_mass": ("kg", 0.03, 1.5), "swing_rate": ("Hz", 6.0, 25.0)},
+        states={"swung": "m", "swing_speed": "m/s"}, confused_with=("load_spring", "karnopp_friction"),
+        cylinder_force=lambda e, s, z: e.hung_mass * _hung(e, s, z), rates=lambda e, s, z:
+        {"swung": z.swing_speed - s.cylinder_velocity, "swing_speed": -_hung(e, s, z)}),
+    law(None, "LiftedPistonSeal", "Leakage of the cylinder past a seal that motion lifts: k |v|/(|v| + 50 mm/s) "
+        "(pressure × speed). Source: Hirano, Kaneta (1971); form chosen.",
+        {"lift_leakage": ("m^3/(s*Pa)", 5e-15, 3e-12)}, confused_with=("cylinder_leakage_rise",),
+        cylinder_leakage_change=lambda e, s, z: e.lift_leakage
+        * jnp.abs(s.cylinder_velocity) / (jnp.abs(s.cylinder_velocity) + 0.05)),
 )  # fmt: skip

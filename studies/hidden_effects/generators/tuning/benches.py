@@ -1,4 +1,4 @@
-"""Benches, for tuning."""
+"""Benches, for development."""
 
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench
@@ -6,63 +6,76 @@ from edhas_jax.measurements.campaign import Channel
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 
 ACTUATOR_UNCERTAIN = {
-    "coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25,
-    "static_friction": 0.25,
+    "coil_resistance": 0.03, "force_constant": 0.03, "mover_damping": 0.3, "coulomb_friction": 0.3,
+    "static_friction": 0.3, "mover_mass": 0.02,
 }  # fmt: skip
 PUMP_UNCERTAIN = ACTUATOR_UNCERTAIN | {
-    "oil_viscosity": 0.15, "air_fraction": 0.4, "valve_spring_rate": 0.05, "valve_damping": 0.15,
-    "piston_clearance": 0.1, "load_orifice_area": 0.03, "pump_damping": 0.3,
+    "oil_viscosity": 0.12, "air_fraction": 0.5, "valve_spring_rate": 0.08, "valve_damping": 0.2,
+    "piston_clearance": 0.12, "load_orifice_area": 0.04, "pump_damping": 0.35,
 }  # fmt: skip
 SYSTEM_UNCERTAIN = ACTUATOR_UNCERTAIN | {
-    "oil_viscosity": 0.15, "air_fraction": 0.4, "piston_clearance": 0.1, "pump_damping": 0.3,
-    "cylinder_sliding_friction": 0.25, "cylinder_breakaway_friction": 0.25, "cylinder_damping": 0.2,
-    "reversing_valve_area": 0.05,
+    "oil_viscosity": 0.12, "air_fraction": 0.5, "piston_clearance": 0.12, "cylinder_sliding_friction": 0.3,
+    "cylinder_breakaway_friction": 0.3, "cylinder_damping": 0.25, "reversing_valve_area": 0.06,
 }  # fmt: skip
-ACTUATOR_CHANNELS = {
-    "voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6),
-}  # fmt: skip
-PUMP_CHANNELS = ACTUATOR_CHANNELS | {"outlet_pressure": Channel("MPa", 1.5e3), "outlet_flow": Channel("L/min", 2e-7)}
-SYSTEM_CHANNELS = {
-    "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6), "outlet_pressure": Channel("MPa", 2e3),
-    "head_pressure": Channel("MPa", 2e3), "cylinder_position": Channel("mm", 5e-6),
-}  # fmt: skip
+VOLTAGE, CURRENT = Channel("V", 0.03), Channel("A", 0.015)
+POSITION, SPEED = Channel("mm", 4e-6), Channel("m/s", 2e-3)
+PRESSURE, FLOW = Channel("MPa", 1.8e3), Channel("L/min", 3e-7)
 PUMP_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir)
 
 BENCHES = (
     Bench(
-        "eight runs of the pump", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN, PUMP_CHANNELS,
+        "pump with a pressure sensor in a chamber", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
+        {"voltage": VOLTAGE, "current": CURRENT, "piston_position": POSITION, "chamber_pressure_a": PRESSURE,
+         "outlet_pressure": PRESSURE},
         planned_runs(
             {"frequency": 1.0, "amplitude": 1e-3, "load_orifice_area": 1e-6},
-            ("fit", 0.72, 5.0, 3.5, 4.2), ("fit", 0.42, 10.0, 3.5, 4.2), ("fit", 0.27, 20.0, 3.5, 4.2),
-            ("fit", 0.22, 30.0, 3.5, 4.2), ("fit", 0.42, 10.0, 3.5, 1.2), ("fit", 0.27, 20.0, 3.0, 1.0),
-            ("holdout", 0.32, 15.0, 3.5, 2.0), ("holdout", 0.24, 25.0, 3.0, 1.5),
-        ), 2e-4, 5.0,
+            ("fit", 0.55, 6.3, 3.7, 3.6), ("fit", 0.36, 12.6, 3.1, 1.6), ("fit", 0.30, 18.7, 2.7, 4.6),
+            ("fit", 0.24, 27.3, 2.9, 0.9), ("fit", 0.40, 11.2, 2.2, 2.6), ("fit", 0.26, 23.6, 3.6, 2.1),
+            ("holdout", 0.34, 15.7, 3.3, 1.3), ("holdout", 0.24, 31.2, 2.4, 3.3),
+        ), 2e-4, 4.0,
     ),
     Bench(
-        "five runs of the pump at three oil temperatures", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
-        {name: channel for name, channel in PUMP_CHANNELS.items() if name != "outlet_flow"},
+        "pump with speed and flow sensors at four oil temperatures", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
+        {"current": CURRENT, "piston_velocity": SPEED, "piston_position": POSITION, "outlet_pressure": PRESSURE,
+         "outlet_flow": FLOW},
         planned_runs(
             {"frequency": 1.0, "amplitude": 1e-3, "load_orifice_area": 1e-6, "oil_temperature": 1.0},
-            ("fit", 0.60, 7.0, 4.0, 3.0, 313.15), ("fit", 0.40, 14.0, 2.5, 2.0, 298.15),
-            ("fit", 0.34, 22.0, 3.2, 0.9, 328.15), ("fit", 0.50, 9.0, 3.4, 0.7, 298.15),
-            ("holdout", 0.36, 17.0, 3.0, 1.4, 320.15),
-        ), 2.5e-4, 3.0, {"supply_voltage": 20.0},
+            ("fit", 0.50, 8.4, 3.9, 2.4, 301.15), ("fit", 0.36, 16.3, 3.2, 1.1, 322.15),
+            ("fit", 0.28, 24.7, 2.6, 3.4, 310.15), ("fit", 0.44, 10.7, 3.3, 0.8, 333.15),
+            ("fit", 0.32, 20.4, 2.1, 1.9, 301.15), ("holdout", 0.36, 13.4, 3.5, 1.7, 327.15),
+        ), 2e-4, 3.0, {"supply_voltage": 24.0},
     ),
     Bench(
-        "six runs of the actuator", ActuatorBench, (LugreFriction,), ACTUATOR_UNCERTAIN, ACTUATOR_CHANNELS,
+        "ten short runs of the pump", PumpBench, PUMP_EFFECTS, PUMP_UNCERTAIN,
+        {"voltage": VOLTAGE, "current": CURRENT, "piston_position": POSITION, "outlet_pressure": PRESSURE,
+         "outlet_flow": FLOW},
+        planned_runs(
+            {"frequency": 1.0, "amplitude": 1e-3, "load_orifice_area": 1e-6},
+            ("fit", 0.26, 9.3, 3.6, 1.4), ("fit", 0.22, 14.4, 3.8, 4.4), ("fit", 0.20, 19.3, 3.4, 2.9),
+            ("fit", 0.20, 26.4, 2.2, 1.2), ("fit", 0.20, 33.4, 2.6, 3.1), ("fit", 0.22, 17.3, 1.7, 0.7),
+            ("fit", 0.24, 12.1, 2.8, 2.0), ("fit", 0.20, 29.3, 3.1, 4.9), ("holdout", 0.22, 21.9, 3.0, 1.8),
+            ("holdout", 0.24, 10.3, 3.2, 3.7),
+        ), 1.6e-4, 3.0,
+    ),
+    Bench(
+        "actuator with a speed sensor", ActuatorBench, (LugreFriction,), ACTUATOR_UNCERTAIN,
+        {"voltage": VOLTAGE, "current": CURRENT, "piston_position": POSITION, "piston_velocity": SPEED},
         planned_runs(
             {"frequency": 1.0, "amplitude": 1e-3},
-            ("fit", 0.60, 5.0, 3.5), ("fit", 0.40, 12.0, 3.5), ("fit", 0.30, 25.0, 3.5), ("fit", 0.40, 10.0, 1.2),
-            ("fit", 0.25, 35.0, 2.0), ("holdout", 0.32, 18.0, 3.0),
-        ), 2e-4, 1.0,
+            ("fit", 0.50, 6.7, 3.9), ("fit", 0.36, 14.2, 3.1), ("fit", 0.28, 22.3, 2.6), ("fit", 0.40, 9.7, 1.6),
+            ("fit", 0.24, 31.4, 2.3), ("fit", 0.24, 39.3, 1.2), ("holdout", 0.32, 17.7, 3.4),
+            ("holdout", 0.30, 26.2, 1.9),
+        ), 2e-4, 1.2,
     ),
     Bench(
-        "four steps of the cylinder", ActuatorSystem, (*PUMP_EFFECTS, KarnoppFriction), SYSTEM_UNCERTAIN,
-        SYSTEM_CHANNELS,
+        "four moves of the cylinder with both pressures", ActuatorSystem, (*PUMP_EFFECTS, KarnoppFriction),
+        SYSTEM_UNCERTAIN,
+        {"current": CURRENT, "piston_position": POSITION, "head_pressure": PRESSURE, "rod_pressure": PRESSURE,
+         "cylinder_position": POSITION},
         planned_runs(
             {"target.step_size": 1e-3, "frequency": 1.0, "ramp_time": 1.0, "load_force": 1.0},
-            ("fit", 0.6, 12.0, 16.0, 0.1, 20.0), ("fit", 0.6, 8.0, 12.0, 0.1, 90.0),
-            ("fit", 0.6, 5.0, 20.0, 0.1, 150.0), ("holdout", 0.6, 9.0, 14.0, 0.1, 50.0),
+            ("fit", 0.55, 11.0, 17.3, 0.11, 35.0), ("fit", 0.55, 6.4, 13.6, 0.11, 120.0),
+            ("fit", 0.55, 8.7, 19.6, 0.11, 70.0), ("holdout", 0.55, 7.6, 15.4, 0.11, 95.0),
         ), 2e-4, 1.0,
     ),
 )  # fmt: skip

@@ -1,79 +1,93 @@
-"""Small disturbances, for tuning."""
+"""Small disturbances, for development."""
 
 import jax.numpy as jnp
 
-from edhas_jax.machine.effects import Effect
+from edhas_jax.machine.effects import Effect, state
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
-from studies.hidden_effects.generators.functions import wrapped
-from studies.hidden_effects.generators.places import valve_of
+from studies.hidden_effects.generators.places import is_chamber_b, valve_of
 
 
 class TuningDisturbances(Effect):
-    """Small disturbances of coil, amplifier and mover, each with one size."""
+    """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
 
-    supply_hum: float = size_par("V", "hum of the rectifier on the coil voltage")
-    hum_frequency: float = shape_par(100.0, "Hz", "its frequency", (99.8, 100.2))
-    hum_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    weak_spring: float = size_par("N", "spring of the cables at 5 mm, with the cube of position")
-    fan_weight: float = size_par("N", "force of an unbalanced fan on the frame")
-    fan_frequency: float = shape_par(23.0, "Hz", "its speed", (21.0, 47.0))
-    fan_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    magnet_warming: float = size_par("1/s", "relative fall of the force constant per time")
-    cable_resistance: float = size_par("-", "relative change of the resistance over 5 mm")
-    switching_ripple: float = size_par("V", "ripple of the amplifier")
-    ripple_frequency: float = shape_par(1900.0, "Hz", "its frequency", (1200.0, 2200.0))
-    set_point_steps: float = size_par("m", "resolution of the set point")
+    floor_tremor: float = size_par("N", "three slow vibrations of the floor at once")
+    tremor_rate: float = shape_par(3.1, "Hz", "the slowest of them", (2.4, 4.6))
+    tremor_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
+    settling_bench: float = size_par("N", "force of the weight as the bench tilts, after 0.4 s")
+    oil_puddle: float = size_par("N", "drag of an oil puddle with the cube of speed, at 0.2 m/s")
+    passing_screw: float = size_par("N", "push at one position, where a screw head is passed")
+    screw_position: float = shape_par(1e-3, "m", "this position", (-2e-3, 2.5e-3))
+    clock_leak: float = size_par("-", "share of the voltage that a clock modulates")
+    clock_rate: float = shape_par(610.0, "Hz", "its frequency", (420.0, 880.0))
+    dither: float = size_par("V", "dither of the amplifier")
+    dither_rate: float = shape_par(333.0, "Hz", "its frequency", (240.0, 390.0))
+    ground_step: float = size_par("V", "step of the ground of the amplifier")
+    step_time: float = shape_par(0.1, "s", "its time", (0.05, 0.2))
+    warm_field: float = size_par("-", "force constant that recovers after each load")
+
+    loaded = state("-", "mean square of the current over 30 ms")
 
     def coil_voltage_change(self, s, z):
-        hum = self.supply_hum * jnp.sin(2.0 * jnp.pi * self.hum_frequency * s.time + self.hum_phase)
-        ripple = self.switching_ripple * jnp.sin(2.0 * jnp.pi * self.ripple_frequency * s.time)
-        # what is missing of the set point, times the gain of the controller; within the controller it acts the same
-        step = jnp.abs(self.set_point_steps) + 1e-9
-        rounding = -step / (2.0 * jnp.pi) * wrapped(2.0 * jnp.pi * s.reference / step)
-        return hum + ripple + jnp.where(self.set_point_steps == 0.0, 0.0, s.position_gain * rounding)
+        clock = self.clock_leak * s.voltage * jnp.sin(2.0 * jnp.pi * self.clock_rate * s.time)
+        dither = self.dither * jnp.tanh(4.0 * jnp.sin(2.0 * jnp.pi * self.dither_rate * s.time))
+        return clock + dither + self.ground_step * 0.5 * (1.0 + jnp.tanh((s.time - self.step_time) / 2e-3))
 
     def mover_force(self, s, z):
-        u = s.piston_position / REFERENCE_TRAVEL
-        fan = self.fan_weight * jnp.sin(2.0 * jnp.pi * self.fan_frequency * s.time + self.fan_phase)
-        return fan - self.weak_spring * u * u * u
+        angle = 2.0 * jnp.pi * self.tremor_rate * s.time + self.tremor_phase
+        tremor = jnp.sin(angle) + jnp.sin(2.48 * angle) + jnp.sin(4.16 * angle)
+        screw = jnp.exp(-jnp.square((s.piston_position - self.screw_position) / 0.25e-3))
+        puddle = (s.piston_velocity / 0.2) * jnp.square(s.piston_velocity / 0.2)
+        slow = self.floor_tremor * tremor + self.settling_bench * s.time / 0.4
+        return slow + self.passing_screw * screw - self.oil_puddle * puddle
 
     def force_constant_factor(self, s, z):
-        return 1.0 - self.magnet_warming * s.time
+        return 1.0 - self.warm_field * z.loaded
 
-    def coil_resistance_factor(self, s, z):
-        return 1.0 + self.cable_resistance * s.piston_position / REFERENCE_TRAVEL
+    def rates(self, s, z):
+        return {"loaded": (jnp.square(s.current / 5.0) - z.loaded) / 0.03}
 
 
 class TuningPumpDisturbances(Effect):
-    """Small disturbances of oil and valves, each with one size."""
+    """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
 
-    stiffer_oil: float = size_par("-", "relative fall of the compressibility per MPa")
-    valve_asymmetry: float = size_par("N/m", "spring of suction valve A beyond the others")
-    orifice_rise: float = size_par("-", "relative rise of the valves' flow coefficient per MPa")
+    bubble_train: float = size_par("-", "share of the compressibility that comes and goes with bubbles")
+    bubble_rate: float = shape_par(4.0, "Hz", "their frequency", (2.5, 9.0))
+    singing_valve: float = size_par("-", "share of the flow area that a singing valve opens and closes")
+    singing_rate: float = shape_par(140.0, "Hz", "its frequency", (110.0, 230.0))
+    tight_spring: float = size_par("N", "further preload of one delivery valve")
+    loose_plug: float = size_par("m^3/s", "leakage of a plug of chamber B, at 0.5 MPa")
+    conical_bore: float = size_par("-", "relative change of the viscosity in the gap along the stroke")
 
     def oil_compressibility(self, s, z):
-        return -self.stiffer_oil * (s.pressure - s.atmospheric_pressure) / 1e6 / s.oil_bulk_modulus
-
-    def check_valve_force(self, s, z):
-        return -self.valve_asymmetry * s.lift if valve_of(s) == "suction_a" else 0.0 * s.lift
+        return self.bubble_train * jnp.sin(2.0 * jnp.pi * self.bubble_rate * s.time) / s.oil_bulk_modulus
 
     def suction_valve_area(self, s, z):
-        return self.orifice_rise * s.valve_area * jnp.abs(s.pressure_drop) / 1e6
+        return self.singing_valve * s.valve_area * jnp.sin(2.0 * jnp.pi * self.singing_rate * s.time)
 
-    def delivery_valve_area(self, s, z):
-        return self.orifice_rise * s.valve_area * jnp.abs(s.pressure_drop) / 1e6
+    def check_valve_force(self, s, z):
+        return -self.tight_spring + 0.0 * s.lift if valve_of(s) == "delivery_b" else 0.0 * s.lift
+
+    def chamber_leakage(self, s, z):
+        over = (s.chamber_pressure - s.atmospheric_pressure) / 0.5e6
+        return self.loose_plug * over * jnp.abs(over) / (1.0 + jnp.abs(over)) if is_chamber_b(s) else 0.0 * over
+
+    def gap_viscosity_factor(self, s, z):
+        return 1.0 + self.conical_bore * jnp.tanh(s.piston_position / (0.5 * REFERENCE_TRAVEL))
 
 
 DISTURBANCES = (
-    Disturbance(TuningDisturbances, "supply_hum", 0.1, ("hum_frequency", "hum_phase")),
-    Disturbance(TuningDisturbances, "weak_spring", 0.2),
-    Disturbance(TuningDisturbances, "fan_weight", 0.1, ("fan_frequency", "fan_phase")),
-    Disturbance(TuningDisturbances, "magnet_warming", 0.01),
-    Disturbance(TuningDisturbances, "cable_resistance", 0.01),
-    Disturbance(TuningDisturbances, "switching_ripple", 0.5, ("ripple_frequency",)),
-    Disturbance(TuningDisturbances, "set_point_steps", 5e-6),
-    Disturbance(TuningPumpDisturbances, "stiffer_oil", 0.05),
-    Disturbance(TuningPumpDisturbances, "valve_asymmetry", 10.0),
-    Disturbance(TuningPumpDisturbances, "orifice_rise", 0.05),
-)  # fmt: skip
+    Disturbance(TuningDisturbances, "floor_tremor", 0.05, ("tremor_rate", "tremor_phase")),
+    Disturbance(TuningDisturbances, "settling_bench", 0.1),
+    Disturbance(TuningDisturbances, "oil_puddle", 0.1),
+    Disturbance(TuningDisturbances, "passing_screw", 0.1, ("screw_position",)),
+    Disturbance(TuningDisturbances, "clock_leak", 0.02, ("clock_rate",)),
+    Disturbance(TuningDisturbances, "dither", 0.2, ("dither_rate",)),
+    Disturbance(TuningDisturbances, "ground_step", 0.05, ("step_time",)),
+    Disturbance(TuningDisturbances, "warm_field", 0.01),
+    Disturbance(TuningPumpDisturbances, "bubble_train", 0.1, ("bubble_rate",)),
+    Disturbance(TuningPumpDisturbances, "singing_valve", 0.05, ("singing_rate",)),
+    Disturbance(TuningPumpDisturbances, "tight_spring", 0.02),
+    Disturbance(TuningPumpDisturbances, "loose_plug", 5e-9),
+    Disturbance(TuningPumpDisturbances, "conical_bore", 0.05),
+)

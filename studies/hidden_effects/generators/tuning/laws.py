@@ -1,4 +1,4 @@
-"""Laws for tuning: those of mechanisms of the library, and those of mechanisms that it does not have."""
+"""Laws of mechanisms of the library, for development."""
 
 import math
 
@@ -7,323 +7,443 @@ import jax.numpy as jnp
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL, smooth_sign
 from studies.hidden_effects.generators.functions import (
-    arctan,
     gauge_pressures,
     outlet_line_drop,
-    signed_root,
+    smooth_positive,
     suction_line_drop,
-    triangle,
 )
 from studies.hidden_effects.generators.laws import law
 
 ANGLE = ("rad", -math.pi, math.pi)
-SCRATCH_PRESSURE = 0.2e6  # Pa, at which a scratch has its stated area
+GAUGE = 0.5e6  # Pa, a usual pressure of the pump
 
 
-def _sign(x):
-    return jnp.where(x < 0.0, -1.0, 1.0)
+def _power(x, exponent, width):
+    """|x|^exponent with the sign of x, linear within `width` of zero."""
+    return x * jnp.exp(0.5 * (exponent - 1.0) * jnp.log(x * x + width * width))
 
 
-def _yield_rate(e, s, z):
-    v = s.sliding_velocity
-    left = 1.0 - z.force / e.dahl_level * _sign(v)
-    return {"force": e.dahl_stiffness * v * left * jnp.abs(left)}
+def _travel(s):
+    return s.piston_position / REFERENCE_TRAVEL
 
 
-def _saturating_drag(e, s, z):
-    v = s.piston_velocity
-    return -e.eddy_size * e.eddy_speed * (1.0 - jnp.exp(-jnp.abs(v) / e.eddy_speed)) * _sign(v)
-
-
-def _sliding(e, s, z):
-    v = s.sliding_velocity
-    return e.sliding_level * jnp.tanh(v / 4e-3) + e.linear_part * v + e.quadratic_part * v * jnp.abs(v)
-
-
-def _root_seal(e, s, z):
-    a, b = (jnp.sqrt(5e5 * (p + 1.0)) for p in gauge_pressures(s))
-    return e.seal_size * s.piston_area * (a + b) * smooth_sign(s.sliding_velocity)
-
-
-def _phase(e, s):
-    return 2.0 * jnp.pi * s.piston_position / e.cogging_length + e.cogging_shift
-
-
-def _two_harmonics(e, s, z):
-    u = _phase(e, s)
-    return -e.cogging_size * (jnp.sin(u) + 0.5 * jnp.sin(2.0 * u + e.harmonic_shift))
-
-
-def _filter_rates(e, s, z):
-    omega = 1.4 / e.filter_time
-    return {"filtered": omega * z.slope, "slope": omega * (s.voltage - z.filtered - 1.4 * z.slope)}
-
-
-def _inductance_gradient(e, s):
-    return -2.0 * s.coil_inductance * e.inductance_curvature * s.piston_position / REFERENCE_TRAVEL**2
-
-
-def _hertzian_play(e, s, z):
-    d = s.coupling_deflection
-    depth = jnp.maximum(jnp.abs(d) - 0.5 * e.play, 0.0)
-    direction = jnp.where(d > 0.0, 1.0, -1.0)
-    contact = depth * jnp.sqrt(depth + 1e-12)
-    # 1e8 N/m^1.5 gives the stiffness of 1e6 N/m at 44 µm
-    return direction * jnp.maximum(1e8 * contact * (1.0 + 0.3 * s.coupling_velocity * direction), 0.0)
-
-
-def _concentric_leakage(e, s, z):
-    conductance = jnp.pi * s.piston_diameter * e.leakage_gap**3 / (12.0 * s.viscosity * 20e-3)
+def _gap_over_pressure(e, s):
+    """Conductance of a concentric gap of 20 mm, times the pressure drop."""
+    conductance = jnp.pi * s.piston_diameter * e.gap**3 / (12.0 * s.viscosity * 20e-3)
     return conductance * (s.chamber_pressure - s.accumulator_pressure)
 
 
-def _turning_jet(e, s, z):
-    angle = jnp.minimum(0.8 + 0.7e3 * jnp.maximum(s.lift, 0.0), 0.5 * jnp.pi)
-    return -e.flow_force_size * s.valve_area * s.pressure_drop * jnp.cos(angle)
+def _bouc_wen(e, s, z):
+    v, r = s.sliding_velocity, z.bent
+    return {"bent": (v - 0.7 * jnp.abs(v) * r * jnp.abs(r) - 0.3 * v * r * r) / e.bend_length}
 
 
-def _adhesion(e, s, z):
-    film = jnp.exp(-jnp.maximum(s.lift, 0.0) / 15e-6)
-    return -e.adhesion_size * film * 0.5 * (1.0 + jnp.tanh(s.lift_velocity / 0.5e-3))
+def _herschel_bulkley(e, s, z):
+    v = s.sliding_velocity
+    return e.yield_level * jnp.tanh(v / 2.5e-3) + e.consistency * _power(v / 0.1, 0.6, 0.02)
 
 
-def _scratch(e, s, z):
-    return e.scratch_size * jnp.sqrt(jnp.abs(s.pressure_drop) / SCRATCH_PRESSURE + 1e-6)
+def _released(e, s, z):
+    air = e.released_air * s.atmospheric_pressure / jnp.square(s.pressure)
+    return air * (1.0 + 2.5 * smooth_positive(1.0 - s.pressure / 0.25e6, 0.05))
 
 
-def _pressure_viscosity(e, s, z):
-    mean = 0.5 * jnp.maximum(s.chamber_pressure + s.accumulator_pressure, 0.0)
-    return 1.0 + e.viscosity_rise * mean * mean / 0.5e6
+def _gauss(s):
+    u = (s.piston_position - 0.8e-3) / 2e-3
+    return u, jnp.exp(-u * u)
 
 
-def _mass_force(e, s, z):
-    omega = 2.0 * jnp.pi * e.tuned_frequency
-    return omega * omega * z.displacement + 0.2 * omega * z.speed
+def _gauss_gradient(e, s):
+    u, bell = _gauss(s)
+    return s.coil_inductance * e.iron_share * -2.0 * u * bell / 2e-3
 
 
-_SCRATCH_TEXT = ("A fine scratch in the seat of the {} valves with laminar flow: area ∝ √Δp, so that Q ∝ Δp. "
-                 "Source: laminar leakage of seat valves at small openings; Merritt (1967).")  # fmt: skip
+def _cubic_gradient(e, s):
+    return 3.0 * s.coil_inductance * e.cubic_share * jnp.square(_travel(s)) / REFERENCE_TRAVEL
+
+
+def _angle(e, s):
+    return 2.0 * jnp.pi * s.piston_position / e.wave_length + e.wave_shift
+
+
+def _beat(e, s, z):
+    u = _angle(e, s)
+    return -0.6 * e.wave_size * (jnp.sin(u) + jnp.sin(0.618 * u + e.second_shift))
+
+
+def _logarithmic_drag(e, s, z):
+    v = s.piston_velocity
+    return -e.drag_size * e.drag_speed * jnp.log(1.0 + jnp.abs(v) / e.drag_speed) * jnp.where(v < 0.0, -1.0, 1.0)
+
+
+def _warm_drag_rates(e, s, z):
+    return {"warmth": jnp.square(s.piston_velocity / 0.2) / 0.06 - z.warmth / 0.4}
+
+
+def _shockley(e, s, z):
+    i = s.current
+    return -e.diode_drop * jnp.log(1.0 + jnp.abs(i) / 0.03) / math.log(101.0) * jnp.tanh(i / 0.02)
+
+
+def _one_way(e, s, z):
+    ahead = s.voltage - z.follower
+    return {"follower": ahead / (e.rise_time * (1.6 - 0.6 * jnp.tanh(ahead / 0.5)))}
+
+
+def _scored(e, s, z):
+    x = s.sliding_position
+    zones = jnp.exp(-jnp.square((x - 2.4e-3) / 0.5e-3)) + 0.6 * jnp.exp(-jnp.square((x + 1.7e-3) / 0.5e-3))
+    return e.scored_size * zones * smooth_sign(s.sliding_velocity)
+
+
+def _exponential_seal(e, s, z):
+    pressed = sum(0.6e6 * (jnp.exp(p / 0.6e6) - 1.0) for p in gauge_pressures(s))
+    return e.lip_size * s.piston_area * pressed * smooth_sign(s.sliding_velocity)
+
+
+def _hydrodynamic_seal(e, s, z):
+    v, pressure = s.sliding_velocity, sum(gauge_pressures(s))
+    return e.lip_size * s.piston_area * pressure * v / (jnp.abs(v) + 0.06)
+
+
+def _rubber_contact(e, s, z):
+    d = s.coupling_deflection
+    depth = jnp.clip(jnp.abs(d) - 0.5 * e.slot_play, 0.0, 150e-6)
+    direction = jnp.where(d > 0.0, 1.0, -1.0)
+    force = 15.0 * (jnp.exp(depth / 20e-6) - 1.0) + 15.0 * direction * s.coupling_velocity
+    return direction * jnp.where(depth > 0.0, jnp.maximum(force, 0.0), 0.0)
+
+
+def _worn_play(e, s, z):
+    d = s.coupling_deflection
+    depth = jnp.abs(d) - 0.5 * e.slot_play * (1.0 + 0.7 * jnp.tanh(_travel(s)))
+    direction = jnp.where(d > 0.0, 1.0, -1.0)
+    force = 1e6 * depth + 20.0 * s.coupling_velocity * direction
+    return direction * jnp.where(depth > 0.0, jnp.maximum(force, 0.0), 0.0)
+
+
+def _reattached(e, s, z):
+    bell = jnp.exp(-jnp.square((s.lift - 0.25e-3) / 0.12e-3))
+    return -e.jet_size * s.valve_area * s.pressure_drop * (1.0 - 0.9 * bell)
+
+
+def _turning_ball(e, s, z):
+    return e.mark_area * (1.0 + 0.8 * jnp.sin(2.0 * jnp.pi * e.ball_turns * s.time + e.ball_start))
+
+
+def _pressed_open(e, s, z):
+    return e.mark_area * (0.4 + jnp.abs(s.pressure_drop) / 0.4e6)
+
+
+def _one_sided_loss(e, flow):
+    return e.forward_loss * (1.0 + 0.6 * jnp.tanh(flow / 1e-5))
+
+
+def _gauge_head(s):
+    return jnp.maximum(s.head_pressure - s.atmospheric_pressure, 0.0)
+
+
+def _mean_gap(s):
+    return 0.5 * jnp.maximum(s.chamber_pressure + s.accumulator_pressure, 0.0)
+
+
+MARKS = {"mark_area": ("m^2", 1e-9, 3e-7)}
+TURNING = MARKS | {"ball_turns": ("Hz", 3.0, 9.0), "ball_start": ANGLE}
+TURNING_TEXT = ("A scratched ball of the {} valves that turns slowly: A (1 + 0.8 sin(2π f t + φ)). "
+                "Source: seat balls that turn under uneven flow, which evens their wear; form chosen.")  # fmt: skip
+OPENED_TEXT = ("A crack in the seat of the {} valves that pressure opens: A (0.4 + |Δp|/0.4 MPa). "
+               "Source: elastic opening of a crack, linear fracture mechanics (Sneddon 1946).")  # fmt: skip
+LINE = {"line_mass": ("kg/m^4", 1e6, 5e7)}
 LAWS = (
-    law(library.LugreFriction, "StaticSlidingFriction",
-        "Coulomb, viscous and quadratic friction without bristles: F_C tanh(v/4 mm/s) + c v + q v |v|. "
-        "Source: Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083, static friction models.",
-        {"sliding_level": ("N", 2.0, 10.0), "linear_part": ("N*s/m", 1.0, 5.0),
-         "quadratic_part": ("N*s^2/m^2", 1.0, 20.0)}, mover_friction=_sliding),
-    law(library.LugreFriction, "SlowYieldFriction",
-        "Dahl's friction with the exponent 2: dF/dt = σ v (1 − r)², r = (F/F_C) sgn v, a slow approach to F_C. "
-        "Source: Dahl, Aerospace Corporation TOR-158(3107-18) (1968); AIAA J. 14 (1976) 1675.",
-        {"dahl_level": ("N", 2.0, 10.0), "dahl_stiffness": ("N/m", 4e3, 4e4)}, states={"force": "N"},
-        mover_friction=lambda e, s, z: z.force, rates=_yield_rate),
-    law(library.CoggingForce, "TriangularCogging", "Cogging as a triangle wave over the position. Source: the simplest "
-        "form of an attraction that is constant between the positions of rest of wide teeth; chosen.",
-        {"cogging_size": ("N", 0.2, 5.0), "cogging_length": ("m", 3e-3, 14e-3), "cogging_shift": ANGLE},
-        mover_force=lambda e, s, z: -e.cogging_size * triangle(_phase(e, s))),
-    law(library.CoggingForce, "TwoHarmonicCogging", "Cogging with its second harmonic: −A (sin u + 0.5 sin(2 u + ψ)). "
-        "Source: Fourier series of cogging forces; Gieras, Piech, Tomczuk, Linear Synchronous Motors (2011).",
-        {"cogging_size": ("N", 0.2, 5.0), "cogging_length": ("m", 4e-3, 16e-3), "cogging_shift": ANGLE,
-         "harmonic_shift": ANGLE}, mover_force=_two_harmonics),
-    law(library.EddyDrag, "RationalEddyDrag",
-        "Eddy drag that falls slowly beyond its largest value: −c v/(1 + |v|/v_e)², largest at v_e. "
-        "Source: fitted forms of eddy-current brakes, Simeu, Georges, Control Eng. Practice 4 (1996) 19.",
-        {"eddy_size": ("N*s/m", 1.0, 40.0), "eddy_speed": ("m/s", 0.05, 0.5)}, mover_force=lambda e, s, z:
-        -e.eddy_size * s.piston_velocity / jnp.square(1.0 + jnp.abs(s.piston_velocity) / e.eddy_speed)),
-    law(library.EddyDrag, "ExponentialEddyDrag", "Eddy drag that saturates: −c v_e (1 − exp(−|v|/v_e)) sgn v. "
-        "Source: an empirical saturation curve, as for drag torques of clutches and brakes.",
-        {"eddy_size": ("N*s/m", 1.0, 40.0), "eddy_speed": ("m/s", 0.05, 0.5)}, mover_force=_saturating_drag),
-    law(library.ParasiticSpring, "HardeningSpring", "A spring that hardens: −k x (1 + (x/3 mm)²). "
-        "Source: Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918).",
-        {"spring_size": ("N/m", 50.0, 3000.0)}, mover_force=lambda e, s, z:
-        -e.spring_size * s.piston_position * (1.0 + jnp.square(s.piston_position / 3e-3))),
-    law(library.ConstantBiasForce, "TrailingBias",
-        "A magnet's pull that falls along the stroke: −F (1 − 0.4 x/x_m), either sign. "
-        "Source: force of a magnet over a small change of its gap, first terms of 1/(g + x)².",
-        {"bias_size": ("N", -5.0, 5.0)},
-        mover_force=lambda e, s, z: -e.bias_size * (1.0 - 0.4 * s.piston_position / REFERENCE_TRAVEL)),
-    law(library.AsymmetricFriction, "ForwardHardFriction", "Dry friction in the forward stroke only, which sets in at "
-        "once: F_a max(tanh(v/1 mm/s), 0) (1 + v/0.3 m/s). Source: lip seals, whose lip digs in when it moves against "
-        "the film; Müller, Nau, Fluid Sealing Technology (1998).", {"forward_size": ("N", 0.3, 5.0)},
-        mover_friction=lambda e, s, z: e.forward_size * jnp.maximum(jnp.tanh(s.sliding_velocity / 1e-3), 0.0)
-        * (1.0 + s.sliding_velocity / 0.3)),
-    law(library.AsymmetricDamping, "QuadraticAsymmetricDamping",
-        "Drag that differs between the directions with the square of speed: −c v²/0.2 m/s, either sign. Source: flow "
-        "drag in a passage that has another loss coefficient in each direction; Idelchik, Handbook of Hydraulic "
-        "Resistance.", {"asymmetry_size": ("N*s/m", -60.0, 60.0)},
-        mover_force=lambda e, s, z: -e.asymmetry_size * jnp.square(s.piston_velocity) / 0.2),
-    law(library.StrokeDependentFriction, "LinearEndFriction",
-        "Dry friction in proportion to the distance from mid-stroke: F_s |x|/x_m th(v). "
-        "Source: friction of a tilted guide under a side load that grows with the overhang.",
-        {"end_size": ("N", 0.5, 10.0)}, mover_friction=lambda e, s, z:
-        e.end_size * jnp.abs(s.sliding_position) / REFERENCE_TRAVEL * smooth_sign(s.sliding_velocity)),
-    law(library.SealFriction, "RootSealFriction", "Seal friction in proportion to the root of the pressure: "
-        "μ S_p (√(p_A p_1) + √(p_B p_1)) th(v), p_1 = 0.5 MPa. "
-        "Source: contact width of O-rings that grows less than the pressure; Müller, Nau (1998).",
-        {"seal_size": ("-", 0.005, 0.2)}, mover_friction=_root_seal),
-    law(library.CouplingCompliance, "HardeningCoupling",
-        "A coupling that hardens: k Δ (1 + (Δ/40 µm)²) + 20 N·s/m Δ̇, with the compliance 1/k. "
-        "Source: preloaded joints, whose contact area grows with the load; the form is chosen.",
-        {"rod_compliance": ("m/N", 1e-7, 1e-5)}, coupling_force=lambda e, s, z: s.coupling_deflection / e.rod_compliance
-        * (1.0 + jnp.square(s.coupling_deflection / 40e-6)) + 20.0 * s.coupling_velocity),
-    law(library.Backlash, "HertzianBacklash", "Play with contacts after Hertz: k (|Δ| − b/2)^1.5 beyond the play, "
-        "k = 1e8 N/m^1.5, and damping in contact. "
-        "Source: Hertz (1881); Hunt, Crossley, J. Applied Mechanics 42 (1975) 440.",
-        {"play": ("m", 2e-6, 100e-6)}, coupling_force=_hertzian_play),
-    law(library.ForceConstantDroop, "CosineDroop",
-        "A force constant that falls as a cosine: Km (1 − 2 κ (1 − cos(π x/(2 x_m)))), x_m = 5 mm. "
-        "Source: fundamental of the field of a magnet array.", {"droop_size": ("-", 0.015, 0.15)},
-        force_constant_factor=lambda e, s, z: 1.0 - 2.0 * e.droop_size
-        * (1.0 - jnp.cos(0.5 * jnp.pi * s.piston_position / REFERENCE_TRAVEL))),
-    law(library.MagneticSaturation, "RationalSaturation",
-        "Saturation from the first ampere on: F_e = Km i/(1 + |i| b). "
-        "Source: Fröhlich's magnetisation curve B = H/(a + b H), ETZ 2 (1881).",
-        {"saturation_slope": ("1/A", 0.002, 0.1)},
-        motor_force_factor=lambda e, s, z: 1.0 / (1.0 + jnp.abs(s.current) * e.saturation_slope)),
-    law(library.InverterDeadTime, "ArctanDeadTime", "Dead time with a wide transition: −V (2/π) atan(i/0.1 A). "
-        "Source: clamping of the current around zero; Jeong, Park, IEEE Trans. Ind. Electron. 38 (1991) 108.",
-        {"lost_voltage": ("V", 0.2, 3.0)},
-        coil_voltage_change=lambda e, s, z: -e.lost_voltage * (2.0 / math.pi) * arctan(s.current / 0.1)),
-    law(library.InverterDeadTime, "OffsetDeadTime",
-        "Dead time with a hard step where the current is not zero: −V sgn(i − i_0), as of unequal switches. Source: "
-        "unequal device drops of a half bridge; Choi, Sul, IEEE Trans. Power Electron. 11 (1996) 221.",
-        {"lost_voltage": ("V", 0.2, 3.0), "step_current": ("A", -0.15, 0.15)},
-        coil_voltage_change=lambda e, s, z: -e.lost_voltage * jnp.tanh((s.current - e.step_current) / 5e-3)),
-    law(library.AmplifierLag, "SecondOrderAmplifier",
-        "An amplifier with a second-order low-pass of damping 0.7: ü_a = ω² (u − u_a) − 1.4 ω u̇_a, τ = 1.4/ω. "
-        "Source: output filter of a switching amplifier; Erickson, Maksimović, Fundamentals of Power Electronics.",
-        {"filter_time": ("s", 0.05e-3, 2e-3)}, states={"filtered": "V", "slope": "V"},
-        coil_voltage_change=lambda e, s, z: z.filtered - s.voltage, rates=_filter_rates),
-    law(library.CoilHeating, "MagnetHeating", "A coil that heats up together with its magnets: R (1 + 0.0039 ϑ), "
-        "Km (1 − 0.0011 ϑ), C dϑ/dt = R i² − ϑ/3 K/W. "
-        "Source: temperature coefficient of the remanence of NdFeB magnets, −0.11 %/K; IEC 60404-8-1.",
-        {"heating_rate": ("K/J", 0.02, 1.0)}, states={"warmth": "K"},
-        coil_resistance_factor=lambda e, s, z: 1.0 + 0.0039 * z.warmth,
-        force_constant_factor=lambda e, s, z: 1.0 - 0.0011 * z.warmth,
-        rates=lambda e, s, z:
-        {"warmth": e.heating_rate * (s.resistance * jnp.square(s.current) - z.warmth / 3.0)}),
-    law(library.SupplySag, "SquaredSag",
-        "A supply whose voltage drops with the square of the current: R i²/10 A, at most the whole voltage. "
-        "Source: a supply in current limit folds back progressively; the form is chosen.",
-        {"sag_size": ("ohm", 0.05, 2.0)}, supply_voltage_change=lambda e, s, z:
-        -jnp.minimum(e.sag_size * jnp.square(s.current) / 10.0, s.supply_voltage)),
-    law(library.ReluctanceForce, "ParabolicInductance",
-        "An inductance that is largest at mid-stroke: L (1 − λ (x/x_m)²), with its force and voltage. "
-        "Source: Klippel, J. Audio Eng. Soc. 54 (2006) 907: inductance of a voice coil over displacement.",
-        {"inductance_curvature": ("-", -0.5, 0.5)}, coil_inductance_factor=lambda e, s, z:
-        1.0 - e.inductance_curvature * jnp.square(s.piston_position / REFERENCE_TRAVEL),
-        coil_voltage_change=lambda e, s, z: -s.current * s.piston_velocity * _inductance_gradient(e, s),
-        mover_force=lambda e, s, z: 0.5 * jnp.square(s.current) * _inductance_gradient(e, s)),
-    law(library.PistonLeakage, "ConcentricLeakage", "Laminar leakage past a concentric plunger, without the flow that "
-        "it drags along: π d δ³ Δp/(12 μ L). Source: Blackburn, Reethof, Shearer, Fluid Power Control (1960).",
-        {"leakage_gap": ("m", 12e-6, 35e-6)}, chamber_leakage=_concentric_leakage),
-    law(library.PistonLeakage, "OrificeLeakage",
-        "Leakage through a short scratch in the bore, an orifice: Q = A √(2 Δp/ρ), linear below 1 kPa. "
-        "Source: Merritt, Hydraulic Control Systems (1967), sharp-edged orifices.",
-        {"scratch_area": ("m^2", 1e-9, 1e-7)},
-        chamber_leakage=lambda e, s, z: e.scratch_area
-        * signed_root(2.0 * (s.chamber_pressure - s.accumulator_pressure) / s.oil_density, 2e3 / 860.0)),
-    law(library.EntrainedAir, "PolytropicAir",
-        "Air that does not have the time to take the temperature of the oil: V ∝ p^(−1/1.4). "
-        "Source: Gholizadeh, Burton, Schoenau, Int. J. Fluid Power 13 (2012) 7.", {"free_air": ("-", 0.002, 0.015)},
-        oil_gas=lambda e, s, z: e.free_air * s.atmospheric_pressure, oil_compressibility=lambda e, s, z:
-        e.free_air / (1.4 * s.pressure) * (s.atmospheric_pressure / s.pressure) ** (1.0 / 1.4)),
-    law(library.HoseCompliance, "StiffeningHose", "A hose that stiffens with pressure: C/(1 + (p/0.6 MPa)²). "
-        "Source: measured hoses, whose expansion per pressure falls once the braid carries the load.",
-        {"hose_size": ("m^3/Pa", 1e-14, 1e-11)},
-        outlet_capacity=lambda e, s, z: e.hose_size / (1.0 + jnp.square(s.outlet_pressure / 0.6e6))),
-    law(library.ValveFlowForce, "FadingFlowForce",
-        "A flow force that fades as the valve opens: −K A Δp exp(−y/0.4 mm). "
-        "Source: Johnston, Edge, Vaughan, Proc. IMechE I 205 (1991) 263: poppet forces that depend on opening; form "
-        "chosen.", {"flow_force_size": ("-", 0.1, 1.5)}, check_valve_force=lambda e, s, z: -e.flow_force_size
-        * s.valve_area * s.pressure_drop * jnp.exp(-jnp.maximum(s.lift, 0.0) / 0.4e-3)),
-    law(library.ValveFlowForce, "TurningJetForce", "A flow force whose jet turns towards the plane of the seat: "
-        "−K A Δp cos(0.8 rad + 0.7 rad y/1 mm), down to 0. "
-        "Source: von Mises' jet angle, which changes with opening; Merritt (1967).",
-        {"flow_force_size": ("-", 0.15, 2.0)}, check_valve_force=_turning_jet),
-    law(library.ValveAdhesion, "ExponentialAdhesion",
-        "Adhesion of the ball that falls exponentially with lift: −F exp(−y/15 µm) while it opens. "
-        "Source: chosen; measured adhesion of reed and plate valves falls within some tens of micrometres.",
-        {"adhesion_size": ("N", 0.1, 5.0)}, check_valve_force=_adhesion),
-    law(library.SuctionSeatLeakage, "SuctionScratch", _SCRATCH_TEXT.format("suction"),
-        {"scratch_size": ("m^2", 1e-9, 3e-7)}, suction_valve_area=_scratch),
-    law(library.DeliverySeatLeakage, "DeliveryScratch", _SCRATCH_TEXT.format("delivery"),
-        {"scratch_size": ("m^2", 1e-9, 3e-7)}, delivery_valve_area=_scratch),
-    law(library.OutletLineInertance, "TurbulentLineInertance",
-        "A line with inertia and turbulent loss: I dQ/dt = Δp − k |Q| Q. "
-        "Source: rigid-column theory with Darcy-Weisbach friction; Wylie, Streeter, Fluid Transients (1978).",
-        {"line_mass": ("kg/m^4", 1e6, 5e7), "line_loss": ("kg/m^7", 5e11, 1e13)}, states={"line_flow": "m^3/s"},
-        outlet_line_resistance=lambda e, s, z: e.line_loss * jnp.abs(z.line_flow),
-        outlet_line_flow=lambda e, s, z: z.line_flow,
-        rates=lambda e, s, z: {"line_flow": outlet_line_drop(s, z.line_flow) / e.line_mass}),
-    law(library.OutletLineResistance, "TurbulentLine",
-        "A line whose resistance grows with the flow, as the root of the pressure: R √((p − p_s)/0.5 MPa). "
-        "Source: Darcy-Weisbach friction.", {"line_size": ("Pa*s/m^3", 1e8, 1e10)},
-        outlet_line_resistance=lambda e, s, z:
-        e.line_size * jnp.sqrt(jnp.maximum(s.outlet_pressure - s.accumulator_pressure, 0.0) / 0.5e6 + 1e-4)),
-    law(library.SuctionLineResistance, "TurbulentSuctionLine", "A suction line whose resistance grows with the flow: "
-        "R (0.2 + |v|/0.2 m/s), v the speed of the plungers. Source: Darcy-Weisbach friction.",
-        {"suction_size": ("Pa*s/m^3", 1e7, 3e9)},
-        suction_line_resistance=lambda e, s, z: e.suction_size * (0.2 + jnp.abs(s.sliding_velocity) / 0.2)),
-    law(library.SuctionLineInertance, "TurbulentSuctionInertance",
-        "A suction line with inertia and turbulent loss: I dQ/dt = p_s − p_m − (R + k |Q|) Q. "
-        "Source: rigid-column theory with Darcy-Weisbach friction; Wylie, Streeter, Fluid Transients (1978).",
-        {"suction_mass": ("kg/m^4", 1e6, 5e7), "suction_loss": ("kg/m^7", 2e11, 4e12)}, states={"line_flow": "m^3/s"},
-        suction_line_resistance=lambda e, s, z: 5e6 + e.suction_loss * jnp.abs(z.line_flow),
-        suction_line_flow=lambda e, s, z: z.line_flow,
-        rates=lambda e, s, z: {"line_flow": suction_line_drop(s, z.line_flow) / e.suction_mass}),
-    law(library.OilTemperature, "SlotteViscosity", "Viscosity by a power of the temperature in °C: μ (ϑ/40 °C)^(−m). "
-        "Source: Slotte's formula, Wied. Ann. Phys. 14 (1881) 13.", {"slotte_exponent": ("-", 0.8, 2.2)},
-        oil_viscosity_factor=lambda e, s, z:
-        jnp.maximum((s.oil_temperature - 273.15) / 40.0, 0.05) ** (-e.slotte_exponent)),
-    law(library.PressureViscosity, "SquarePressureViscosity", "Viscosity that rises with the square of the pressure in "
-        "the gap: 1 + a p̄²/0.5 MPa, p̄ = (p + p_s)/2. "
-        "Source: second-order term of pressure-viscosity fits; chosen alone, as a contrast to Barus' law.",
-        {"viscosity_rise": ("1/Pa", 1e-8, 1e-7)}, gap_viscosity_factor=_pressure_viscosity),
-    law(library.KarnoppFriction, "SmoothCylinderFriction", "Dry friction of the cylinder without standstill: "
-        "F tanh(v/1 mm/s). "
-        "Source: Andersson, Söderberg, Björklund, Tribology Int. 40 (2007) 580, smooth Coulomb friction.",
-        {"cylinder_level": ("N", 3.0, 80.0)}, cylinder_friction_force=lambda e, s, z:
-        (e.cylinder_level + s.cylinder_friction_level) * jnp.tanh(s.cylinder_velocity / 1e-3)),
-    law(library.CylinderSealFriction, "RootCylinderSeal",
-        "Both dry friction levels of the cylinder grow with the root of the head pressure: μ A √(p 0.5 MPa). Source: "
-        "contact width of O-rings that grows less than the pressure; Müller, Nau, Fluid Sealing Technology (1998).",
-        {"ring_size": ("-", 0.003, 0.1)}, cylinder_friction_level=lambda e, s, z: e.ring_size * s.cylinder_area
-        * jnp.sqrt(0.5e6 * (jnp.maximum(s.head_pressure - s.atmospheric_pressure, 0.0) + 1.0))),
-    law(library.LoadSpring, "HardeningLoadSpring", "A load spring that hardens: −k x (1 + (x/5 mm)²). "
-        "Source: Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918).",
-        {"load_stiffness": ("N/m", 50.0, 3e5)}, cylinder_force=lambda e, s, z:
-        -e.load_stiffness * s.cylinder_position * (1.0 + jnp.square(s.cylinder_position / 5e-3))),
-    law(library.CylinderLeakageRise, "QuadraticLeakageRise",
-        "Leakage of the cylinder that grows with the square of the position: k x²/5 mm. "
-        "Source: a conical bore, first term; chosen.", {"bore_slope": ("m^2/(s*Pa)", 5e-13, 1e-10)},
-        cylinder_leakage_change=lambda e, s, z: e.bore_slope * jnp.square(s.cylinder_position) / 5e-3),
-)  # fmt: skip
-UNLISTED = (
-    law(None, "CrossLeakage",
-        "Leakage between the two chambers, past the seal of a common plunger: Q = k (p_A − p_B). "
-        "Source: laminar gap flow.", {"cross_conductance": ("m^3/(s*Pa)", 5e-15, 2e-12)},
-        confused_with=("piston_leakage", "suction_seat_leakage", "delivery_seat_leakage"),
-        chamber_leakage=lambda e, s, z:
-        e.cross_conductance * (2.0 * s.chamber_pressure - s.chamber_pressure_a - s.chamber_pressure_b)),
-    law(None, "ForceRipple", "A force constant that is periodic in the position: Km (1 + ε sin(2π x/τ + φ)). Source: "
-        "harmonics of the field of a magnet array; Gieras, Piech, Tomczuk, Linear Synchronous Motors (2011).",
-        {"ripple_share": ("-", 0.005, 0.15), "ripple_length": ("m", 2e-3, 4e-3), "ripple_shift": ANGLE},
-        confused_with=("force_constant_droop", "cogging_force"), force_constant_factor=lambda e, s, z: 1.0
-        + e.ripple_share * jnp.sin(2.0 * jnp.pi * s.piston_position / e.ripple_length + e.ripple_shift)),
-    law(None, "BallFriction", "Dry friction of the balls in their guides: −F tanh(ẏ/10 mm/s). Source: Coulomb.",
-        {"ball_friction": ("N", 0.005, 0.5)}, confused_with=("valve_adhesion", "valve_flow_force"),
-        check_valve_force=lambda e, s, z: -e.ball_friction * jnp.tanh(s.lift_velocity / 0.01)),
-    law(None, "EddyPathCoil", "Eddy currents in the iron beside the coil, a resistance that is shorted at low "
-        "frequency: −R_e (i − i_s), di_s/dt = (i − i_s)/τ, τ = 0.8 ms. Source: semi-inductance of voice coils; "
-        "Vanderkooy, J. Audio Eng. Soc. 37 (1989) 119, with one time constant.",
-        {"iron_resistance": ("ohm", 0.02, 3.0)}, states={"slow_current": "A"},
-        confused_with=("amplifier_lag", "inverter_dead_time", "reluctance_force"),
-        coil_voltage_change=lambda e, s, z: -e.iron_resistance * (s.current - z.slow_current),
-        rates=lambda e, s, z: {"slow_current": (s.current - z.slow_current) / 0.8e-3}),
-    law(None, "TunedMass", "A mass on a spring that the motor force excites, as of a housing: "
-        "F = 0.12 kg s (ω² x + 0.2 ω v), ω = 2π f, ẍ = −F_e/0.2 kg − ω² x − 0.2 ω v. "
-        "Source: Den Hartog, Mechanical Vibrations (1934).",
-        {"mass_share": ("-", 0.01, 0.5), "tuned_frequency": ("Hz", 50.0, 150.0)},
-        states={"displacement": "m", "speed": "m/s"},
-        confused_with=("coupling_compliance", "backlash", "parasitic_spring"),
-        mover_force=lambda e, s, z: 0.12 * e.mass_share * _mass_force(e, s, z),
-        rates=lambda e, s, z: {"displacement": z.speed, "speed": -s.motor_force / 0.2 - _mass_force(e, s, z)}),
+    law(library.LugreFriction, "BoucWenFriction",
+        "Hysteretic friction: F r, δ dr/dt = v − 0.7 |v| r |r| − 0.3 v r². Source: Wen, J. Eng. Mech. Div. ASCE 102 "
+        "(1976) 249, exponent 2.", {"bend_level": ("N", 2.0, 10.0), "bend_length": ("m", 30e-6, 400e-6)},
+        states={"bent": "-"}, mover_friction=lambda e, s, z: e.bend_level * z.bent, rates=_bouc_wen),
+    law(library.LugreFriction, "GreaseFriction",
+        "Friction of a grease with a yield stress: F_y tanh(v/2.5 mm/s) + K (v/0.1 m/s)^0.6. "
+        "Source: Herschel, Bulkley, Kolloid-Z. 39 (1926) 291.",
+        {"yield_level": ("N", 1.5, 8.0), "consistency": ("N", 0.5, 4.0)}, mover_friction=_herschel_bulkley),
+    law(library.PistonLeakage, "EntranceLossLeakage", "Gap flow with the loss of a sharp entrance: laminar at small, "
+        "∝ √Δp at large pressure drops; 2 k Δp/(1 + √(1 + |Δp|/0.12 MPa)). "
+        "Source: Shah, London, Laminar Flow Forced Convection in Ducts (1978), developing flow.",
+        {"gap": ("m", 14e-6, 40e-6)}, chamber_leakage=lambda e, s, z: 2.0 * _gap_over_pressure(e, s)
+        / (1.0 + jnp.sqrt(1.0 + jnp.abs(s.chamber_pressure - s.accumulator_pressure) / 0.12e6))),
+    law(library.PistonLeakage, "CentringLeakage", "Leakage past a plunger that the oil film centres at speed: "
+        "k Δp (1 + 1.5/(1 + |v|/60 mm/s)²). Source: eccentric gaps, Blackburn, Reethof, Shearer (1960); "
+        "film of Reynolds (1886); the change is chosen.", {"gap": ("m", 12e-6, 35e-6)},
+        chamber_leakage=lambda e, s, z: _gap_over_pressure(e, s)
+        * (1.0 + 1.5 / jnp.square(1.0 + jnp.abs(s.plunger_velocity) / 0.06))),
+    law(library.EntrainedAir, "ReleasedAir", "Air of which more is released below 0.25 MPa: "
+        "α p_atm/p² (1 + 2.5 max(1 − p/0.25 MPa, 0)). Source: Henry's law; Zhou, Vacca, Manhartsgruber, "
+        "J. Fluids Eng. 135 (2013) 091101, for the release below saturation.", {"released_air": ("-", 0.002, 0.015)},
+        oil_gas=lambda e, s, z: e.released_air * s.atmospheric_pressure, oil_compressibility=_released),
+    law(library.EntrainedAir, "VanishingAir",
+        "Air that dissolves exponentially: α p_atm/p² exp(−(p − p_atm)/0.35 MPa). "
+        "Source: exponential approach to saturation; LMS Imagine HYD models describe it; form chosen.",
+        {"vanishing_air": ("-", 0.003, 0.02)}, oil_gas=lambda e, s, z: e.vanishing_air * s.atmospheric_pressure,
+        oil_compressibility=lambda e, s, z: e.vanishing_air * s.atmospheric_pressure / jnp.square(s.pressure)
+        * jnp.exp(-jnp.maximum(s.pressure - s.atmospheric_pressure, 0.0) / 0.35e6)),
+    law(library.KarnoppFriction, "DwellCylinderFriction", "Friction of the cylinder that grows while it hardly moves: "
+        "F (0.8 + 0.6 w) tanh(v/1 mm/s), 60 ms dw/dt = exp(−(v/4 mm/s)²) − w. "
+        "Source: Gonthier, McPhee, Lange, Piedboeuf, Multibody System Dynamics 11 (2004) 209.",
+        {"dwell_level": ("N", 3.0, 80.0)}, states={"rest": "-"}, cylinder_friction_force=lambda e, s, z:
+        (e.dwell_level * (0.8 + 0.6 * z.rest) + s.cylinder_friction_level) * jnp.tanh(s.cylinder_velocity / 1e-3),
+        rates=lambda e, s, z: {"rest": (jnp.exp(-jnp.square(s.cylinder_velocity / 4e-3)) - z.rest) / 0.06}),
+    law(library.KarnoppFriction, "GreasedCylinder", "Friction of the cylinder with a grease: "
+        "F (tanh(v/0.8 mm/s) + 0.6 (v/0.1 m/s)^0.5). Source: Herschel, Bulkley, Kolloid-Z. 39 (1926) 291.",
+        {"greased_level": ("N", 3.0, 60.0)}, cylinder_friction_force=lambda e, s, z: s.cylinder_friction_level
+        * jnp.tanh(s.cylinder_velocity / 0.8e-3) + e.greased_level
+        * (jnp.tanh(s.cylinder_velocity / 0.8e-3) + 0.6 * _power(s.cylinder_velocity / 0.1, 0.5, 0.02))),
+    law(library.ForceConstantDroop, "OneEndDroop", "A force constant that falls beyond −1 mm only: "
+        "Km (1 − κ (max(x + 1 mm, 0)/x_m)²). Source: a coil that leaves the field at one end; geometry.",
+        {"end_loss": ("-", 0.02, 0.25)}, force_constant_factor=lambda e, s, z:
+        1.0 - e.end_loss * jnp.square(jnp.maximum(s.piston_position + 1e-3, 0.0) / REFERENCE_TRAVEL)),
+    law(library.ForceConstantDroop, "FringeDroop", "A force constant like a bell: Km (1 − κ (1 − exp(−(x/2.2 mm)²))). "
+        "Source: fringing of a short gap, Gaussian approximation; Leupold, Permanent Magnet Devices (1996).",
+        {"fringe_loss": ("-", 0.02, 0.2)}, force_constant_factor=lambda e, s, z:
+        1.0 - e.fringe_loss * (1.0 - jnp.exp(-jnp.square(s.piston_position / 2.2e-3)))),
+    law(library.MagneticSaturation, "ExponentialSaturation", "Saturation by an exponential magnetisation curve: "
+        "F_e = Km i (1 − exp(−u))/u, u = b |i|. Source: Macfadyen, Simpson, Slater, Wood, Proc. IEE 120 (1973) 902.",
+        {"curve_slope": ("1/A", 0.004, 0.2)}, motor_force_factor=lambda e, s, z:
+        (1.0 - jnp.exp(-e.curve_slope * jnp.abs(s.current) - 1e-6)) / (e.curve_slope * jnp.abs(s.current) + 1e-6)),
+    law(library.MagneticSaturation, "DiffusingSaturation", "Saturation that follows the current late: "
+        "F_e = Km i/(1 + b m²), 5 ms dm/dt = |i| − m. Source: magnetic diffusion into solid poles; Stoll, The Analysis "
+        "of Eddy Currents (1974), one time constant.", {"late_square": ("1/A^2", 0.0005, 0.03)}, states={"soaked": "A"},
+        motor_force_factor=lambda e, s, z: 1.0 / (1.0 + e.late_square * jnp.square(z.soaked)),
+        rates=lambda e, s, z: {"soaked": (jnp.abs(s.current) - z.soaked) / 5e-3}),
+    law(library.ReluctanceForce, "IronPieceInductance", "An inductance with a peak where the coil passes a piece of "
+        "iron: L (1 + λ exp(−((x − 0.8 mm)/2 mm)²)), with its force and voltage. "
+        "Source: magnetic co-energy; the shape is chosen.", {"iron_share": ("-", 0.03, 0.4)},
+        coil_inductance_factor=lambda e, s, z: 1.0 + e.iron_share * _gauss(s)[1],
+        coil_voltage_change=lambda e, s, z: -s.current * s.piston_velocity * _gauss_gradient(e, s),
+        mover_force=lambda e, s, z: 0.5 * jnp.square(s.current) * _gauss_gradient(e, s)),
+    law(library.ReluctanceForce, "CubicInductance", "An inductance with the cube of the position: L (1 + λ (x/x_m)³), "
+        "with its force and voltage. Source: power series of voice coils; Klippel, J. Audio Eng. Soc. 54 (2006) 907.",
+        {"cubic_share": ("-", -0.5, 0.5)}, coil_inductance_factor=lambda e, s, z: 1.0 + e.cubic_share * _travel(s) ** 3,
+        coil_voltage_change=lambda e, s, z: -s.current * s.piston_velocity * _cubic_gradient(e, s),
+        mover_force=lambda e, s, z: 0.5 * jnp.square(s.current) * _cubic_gradient(e, s)),
+    law(library.CoggingForce, "LeaningCogging", "Cogging whose waves lean to one side: −A sin(u + 0.7 sin u). Source: "
+        "skewed teeth under load; Bianchi, Bolognani, IEEE Trans. Ind. Appl. 38 (2002) 1259; form chosen.",
+        {"wave_size": ("N", 0.2, 5.0), "wave_length": ("m", 3e-3, 15e-3), "wave_shift": ANGLE},
+        mover_force=lambda e, s, z: -e.wave_size * jnp.sin(_angle(e, s) + 0.7 * jnp.sin(_angle(e, s)))),
+    law(library.CoggingForce, "BeatingCogging", "Cogging of two pitches whose ratio is 0.618: "
+        "−0.6 A (sin u + sin(0.618 u + ψ)). Source: slot and end effects of different pitch; Zhu, Xia, Howe, Jewell, "
+        "IEEE Trans. Magn. 33 (1997) 4175.",
+        {"wave_size": ("N", 0.2, 5.0), "wave_length": ("m", 2.5e-3, 10e-3), "wave_shift": ANGLE, "second_shift": ANGLE},
+        mover_force=_beat),
+    law(library.EddyDrag, "LogarithmicDrag", "Eddy drag that grows with the logarithm of speed: "
+        "−c v_e ln(1 + |v|/v_e) sgn v. Source: empirical curve of thick brake discs; form chosen.",
+        {"drag_size": ("N*s/m", 1.0, 40.0), "drag_speed": ("m/s", 0.03, 0.4)}, mover_force=_logarithmic_drag),
+    law(library.EddyDrag, "WarmingDrag", "Eddy drag of a conductor that heats up and conducts less: −c v/(1 + w), "
+        "dw/dt = (v/0.2 m/s)²/60 ms − w/0.4 s. Source: Joule's law, and resistivity linear in temperature.",
+        {"drag_size": ("N*s/m", 1.5, 50.0)}, states={"warmth": "-"},
+        mover_force=lambda e, s, z: -e.drag_size * s.piston_velocity / (1.0 + z.warmth), rates=_warm_drag_rates),
+    law(library.InverterDeadTime, "PulseDroppingDeadTime", "Dead time that acts less at large command: "
+        "−V tanh(i/50 mA) (1 − 0.7 |u|/(|u| + 5 V)). Source: pulses shorter than the dead time are dropped; "
+        "Leggate, Kerkman, IEEE Trans. Ind. Electron. 44 (1997) 191; form chosen.", {"pulse_loss": ("V", 0.3, 4.0)},
+        coil_voltage_change=lambda e, s, z: -e.pulse_loss * jnp.tanh(s.current / 0.05)
+        * (1.0 - 0.7 * jnp.abs(s.voltage) / (jnp.abs(s.voltage) + 5.0))),
+    law(library.InverterDeadTime, "DiodeDrop", "Drop of the free-wheeling diodes: −V ln(1 + |i|/30 mA)/ln(101) sgn i. "
+        "Source: Shockley, Bell System Tech. J. 28 (1949) 435.", {"diode_drop": ("V", 0.2, 3.0)},
+        coil_voltage_change=_shockley),
+    law(library.SupplySag, "BatterySag", "A battery as supply: R (0.5 |i| + w), 40 ms dw/dt = 0.5 |i| − w. "
+        "Source: Randles, Discuss. Faraday Soc. 1 (1947) 11: resistance and one charge transfer.",
+        {"cell_resistance": ("ohm", 0.1, 2.0)}, states={"polarised": "A"}, supply_voltage_change=lambda e, s, z:
+        -jnp.minimum(e.cell_resistance * (0.5 * jnp.abs(s.current) + z.polarised), s.supply_voltage),
+        rates=lambda e, s, z: {"polarised": (0.5 * jnp.abs(s.current) - z.polarised) / 0.04}),
+    law(library.SupplySag, "FoldingSupply", "A supply that folds back at about 3 A: U/(1 + exp(−(|i| − 3 A)/0.5 A)). "
+        "Source: foldback limiting of linear regulators; Horowitz, Hill, The Art of Electronics; form chosen.",
+        {"fold": ("V", 0.5, 10.0)}, supply_voltage_change=lambda e, s, z:
+        -jnp.minimum(e.fold * 0.5 * (1.0 + jnp.tanh((jnp.abs(s.current) - 3.0) / 1.0)), s.supply_voltage)),
+    law(library.AmplifierLag, "LoadedAmplifier", "An amplifier that is slower under load: du_a/dt = (u − u_a)/τ', "
+        "τ' = τ (0.4 + |i|/2 A). Source: output choke and finite open-loop gain; Sedra, Smith, Microelectronic "
+        "Circuits.", {"unloaded_time": ("s", 0.05e-3, 1.5e-3)}, states={"output": "V"},
+        coil_voltage_change=lambda e, s, z: z.output - s.voltage, rates=lambda e, s, z:
+        {"output": (s.voltage - z.output) / (e.unloaded_time * (0.4 + jnp.abs(s.current) / 2.0))}),
+    law(library.AmplifierLag, "OneWayAmplifier", "An amplifier whose output falls more slowly than it rises: "
+        "du_a/dt = d/(τ (1.6 − 0.6 tanh(d/0.5 V))), d = u − u_a. Source: an output stage that sources more than it "
+        "sinks; Horowitz, Hill; form chosen.", {"rise_time": ("s", 0.05e-3, 1.5e-3)}, states={"follower": "V"},
+        coil_voltage_change=lambda e, s, z: z.follower - s.voltage, rates=_one_way),
+    law(library.CoilHeating, "JointHeating", "A joint of the coil whose resistance rises with the square of its heat: "
+        "R (1 + s (ϑ/5 K)²), dϑ/dt = R i²/(2 J/K) − ϑ/0.5 s. Source: PTC behaviour of a poor joint; form chosen.",
+        {"joint_rise": ("-", 0.02, 0.6)}, states={"heat": "K"},
+        coil_resistance_factor=lambda e, s, z: 1.0 + e.joint_rise * jnp.square(z.heat / 5.0),
+        rates=lambda e, s, z: {"heat": s.resistance * jnp.square(s.current) / 2.0 - z.heat / 0.5}),
+    law(library.CoilHeating, "InsulatedHeating", "Heating that the winding shows late: R (1 + 0.0039 ϑ), 50 ms dϑ/dt = "
+        "ϑ_i − ϑ, dϑ_i/dt = q R i² − ϑ_i/2 s. Source: two thermal masses in series; form chosen.",
+        {"heat_up": ("K/J", 0.03, 1.0)}, states={"inner": "K", "outer": "K"},
+        coil_resistance_factor=lambda e, s, z: 1.0 + 0.0039 * z.outer, rates=lambda e, s, z:
+        {"inner": e.heat_up * s.resistance * jnp.square(s.current) - z.inner / 2.0, 
+         "outer": (z.inner - z.outer) / 0.05}),
+    law(library.ConstantBiasForce, "SettingBias", "A pull that travel works off: −F (0.4 + 0.6 exp(−w/60 mm)), "
+        "dw/dt = |v|, either sign. Source: set of a preloaded seal; the length is chosen.",
+        {"pull": ("N", -5.0, 5.0)}, states={"way": "m"},
+        mover_force=lambda e, s, z: -e.pull * (0.4 + 0.6 * jnp.exp(-z.way / 0.06)),
+        rates=lambda e, s, z: {"way": jnp.abs(s.piston_velocity)}),
+    law(library.ConstantBiasForce, "MagnetisedBias", "The pull of iron that the coil magnetises a little: "
+        "−F (1 + 0.35 tanh(i/1 A)), either sign. Source: remanence of soft iron; Bozorth, Ferromagnetism (1951).",
+        {"pull": ("N", -5.0, 5.0)}, mover_force=lambda e, s, z: -e.pull * (1.0 + 0.35 * jnp.tanh(s.current / 1.0))),
+    law(library.ParasiticSpring, "BuckledSpring", "A flexure near buckling: −k x (1 − 0.8/√(1 + (x/2.5 mm)²)). "
+        "Source: von Mises' truss, ZAMM 3 (1923) 406.", {"flexure_rate": ("N/m", 100.0, 5000.0)},
+        mover_force=lambda e, s, z: -e.flexure_rate * s.piston_position
+        * (1.0 - 0.8 / jnp.sqrt(1.0 + jnp.square(s.piston_position / 2.5e-3)))),
+    law(library.ParasiticSpring, "TendonSpring",
+        "A spring that stiffens exponentially: −k x_0 sinh(x/x_0), x_0 = 1.6 mm. "
+        "Source: Fung, Am. J. Physiology 213 (1967) 1532.", {"flexure_rate": ("N/m", 30.0, 2000.0)},
+        mover_force=lambda e, s, z: -e.flexure_rate * 0.8e-3
+        * (jnp.exp(s.piston_position / 1.6e-3) - jnp.exp(-s.piston_position / 1.6e-3))),
+    law(library.AsymmetricFriction, "PressedLip", "Friction of the forward stroke that chamber A presses on: "
+        "F_a (0.3 + p_A/0.5 MPa) max(th(v), 0). Source: pressure-energised lips; Nau, Tribology Int. 32 (1999) 463.",
+        {"lip_level": ("N", 0.3, 5.0)}, mover_friction=lambda e, s, z: e.lip_level
+        * (0.3 + gauge_pressures(s)[0] / GAUGE) * jnp.maximum(smooth_sign(s.sliding_velocity), 0.0)),
+    law(library.AsymmetricFriction, "RunningInFriction", "Friction of the forward stroke that falls after the start: "
+        "F_a (0.3 + 0.7 exp(−t/0.15 s)) max(th(v), 0). Source: running-in of lips; Blau, Wear 38 (2005) 1007.",
+        {"lip_level": ("N", 0.4, 6.0)}, mover_friction=lambda e, s, z: e.lip_level
+        * (0.3 + 0.7 * jnp.exp(-s.time / 0.15)) * jnp.maximum(smooth_sign(s.sliding_velocity), 0.0)),
+    law(library.AsymmetricDamping, "WavyDamping", "Viscous friction that differs between the directions along a wavy "
+        "guide: −c |v| (1 + 0.6 cos(2π x/4 mm)). Source: Reynolds film over a wavy surface; form chosen.",
+        {"guide_size": ("N*s/m", -60.0, 60.0)}, mover_force=lambda e, s, z: -e.guide_size * jnp.abs(s.piston_velocity)
+        * (1.0 + 0.6 * jnp.cos(2.0 * jnp.pi * s.piston_position / 4e-3))),
+    law(library.AsymmetricDamping, "LoadedGuideDamping", "Viscous friction that differs between the directions under "
+        "load: −c |v| (0.2 + 2 i²/(i² + (3 A)²)). Source: side pull of the motor on its guide; form chosen.",
+        {"guide_size": ("N*s/m", -60.0, 60.0)}, mover_force=lambda e, s, z: -e.guide_size * jnp.abs(s.piston_velocity)
+        * (0.2 + 2.0 * jnp.square(s.current) / (jnp.square(s.current) + 9.0))),
+    law(library.StrokeDependentFriction, "ScoredFriction", "Dry friction in two scored zones, at 2.4 mm and −1.7 mm. "
+        "Source: scoring near the ends of a bore; form chosen.", {"scored_size": ("N", 0.5, 10.0)},
+        mover_friction=_scored),
+    law(library.StrokeDependentFriction, "DraggingEnds", "Friction at the ends that grows with speed: "
+        "F_s (x/x_m)² v/√(v² + (60 mm/s)²). Source: squeeze and shear of oil in narrow ends; form chosen.",
+        {"end_level": ("N", 0.5, 15.0)}, mover_friction=lambda e, s, z: e.end_level
+        * jnp.square(s.sliding_position / REFERENCE_TRAVEL) * s.sliding_velocity
+        / jnp.sqrt(jnp.square(s.sliding_velocity) + 0.06**2)),
+    law(library.SealFriction, "ExponentialSeal", "Seal friction that grows exponentially with pressure: "
+        "μ S_p Σ p_1 (exp(p/p_1) − 1) th(v), p_1 = 0.6 MPa. Source: extrusion of soft rings; form chosen.",
+        {"lip_size": ("-", 0.003, 0.1)}, mover_friction=_exponential_seal),
+    law(library.SealFriction, "HydrodynamicSeal", "Seal friction of a full film: μ S_p Σ p v/(|v| + 60 mm/s). "
+        "Source: Hirano, Kaneta, inverse hydrodynamic theory of seals (1971); form chosen.",
+        {"lip_size": ("-", 0.008, 0.25)}, mover_friction=_hydrodynamic_seal),
+    law(library.CouplingCompliance, "SofteningCoupling", "A coupling that yields more under load: "
+        "k Δ/(1 + |Δ|/50 µm) + 20 N·s/m Δ̇. Source: Payne effect of filled rubber; form chosen.",
+        {"joint_compliance": ("m/N", 1e-7, 6e-6)}, coupling_force=lambda e, s, z: s.coupling_deflection
+        / (e.joint_compliance * (1.0 + jnp.abs(s.coupling_deflection) / 50e-6)) + 20.0 * s.coupling_velocity),
+    law(library.CouplingCompliance, "RubbingCoupling", "A coupling with friction in its clamp: "
+        "k (Δ + 12 µm tanh(Δ̇/1.5 mm/s)) + 5 N·s/m Δ̇. Source: Goodman, Klumpp, J. Applied Mechanics 23 (1956) 421.",
+        {"joint_compliance": ("m/N", 2e-7, 1e-5)}, coupling_force=lambda e, s, z: (s.coupling_deflection
+        + 12e-6 * jnp.tanh(s.coupling_velocity / 1.5e-3)) / e.joint_compliance + 5.0 * s.coupling_velocity),
+    law(library.Backlash, "RubberBacklash", "Play between rubber faces: contact force 15 N (exp(d/20 µm) − 1) and "
+        "15 N·s/m beyond ±b/2. Source: exponential bumpers; form chosen.", {"slot_play": ("m", 4e-6, 100e-6)},
+        coupling_force=_rubber_contact),
+    law(library.Backlash, "WornBacklash", "Play that is larger at one end of the stroke: b (1 + 0.7 tanh(x/x_m)), with "
+        "contacts of 1e6 N/m. Source: wear of a guide where it works most; form chosen.",
+        {"slot_play": ("m", 4e-6, 100e-6)}, coupling_force=_worn_play),
+    law(library.ValveFlowForce, "ReattachedJet", "A flow force that nearly vanishes where the jet reattaches: "
+        "−K A Δp (1 − 0.9 exp(−((y − 0.25 mm)/0.12 mm)²)). Source: Takenaka, Yamane, Iwamizu, Bull. JSME 7 (1964), "
+        "thrust of disc valves; form chosen.", {"jet_size": ("-", 0.15, 1.8)}, check_valve_force=_reattached),
+    law(library.ValveFlowForce, "SteepFlowForce", "A flow force with the power 1.4 of the pressure drop: "
+        "−K A 0.1 MPa (Δp/0.1 MPa)^1.4. Source: contraction that grows with the jet's momentum; form chosen.",
+        {"jet_size": ("-", 0.1, 1.2)}, check_valve_force=lambda e, s, z:
+        -e.jet_size * s.valve_area * 0.1e6 * _power(s.pressure_drop / 0.1e6, 1.4, 0.05)),
+    law(library.ValveAdhesion, "FarAdhesion", "Adhesion that reaches far: −F/(1 + y/25 µm) while the valve opens. "
+        "Source: capillary bridges, force ∝ 1/gap; Israelachvili, Intermolecular and Surface Forces; form chosen.",
+        {"bridge_force": ("N", 0.05, 3.0)}, check_valve_force=lambda e, s, z: -e.bridge_force
+        / (1.0 + jnp.maximum(s.lift, 0.0) / 25e-6) * 0.5 * (1.0 + jnp.tanh(s.lift_velocity / 2e-3))),
+    law(library.ValveAdhesion, "SuckedBall", "A ball that pressure presses into an elastic seat: "
+        "−F tanh(|Δp|/60 kPa) exp(−max(y, 0)/30 µm), at any speed. Source: Hertz contact that holds by its rim; form "
+        "chosen.", {"bridge_force": ("N", 0.05, 4.0)}, check_valve_force=lambda e, s, z: -e.bridge_force
+        * jnp.tanh(jnp.abs(s.pressure_drop) / 60e3) * jnp.exp(-jnp.maximum(s.lift, 0.0) / 30e-6)),
+    law(library.SuctionSeatLeakage, "TurningSuctionBall", TURNING_TEXT.format("suction"), TURNING,
+        suction_valve_area=_turning_ball),
+    law(library.SuctionSeatLeakage, "CrackedSuctionSeat", OPENED_TEXT.format("suction"), MARKS,
+        suction_valve_area=_pressed_open),
+    law(library.DeliverySeatLeakage, "TurningDeliveryBall", TURNING_TEXT.format("delivery"), TURNING,
+        delivery_valve_area=_turning_ball),
+    law(library.DeliverySeatLeakage, "CrackedDeliverySeat", OPENED_TEXT.format("delivery"), MARKS,
+        delivery_valve_area=_pressed_open),
+    law(library.HoseCompliance, "BraidedHose", "A hose whose braid takes the load at 0.5 MPa: "
+        "C (1 − 0.8 tanh((p − 0.5 MPa)/80 kPa))/1.8. Source: lock angle of braids; form chosen.",
+        {"wall_compliance": ("m^3/Pa", 1e-14, 1e-11)}, outlet_capacity=lambda e, s, z:
+        e.wall_compliance * (1.0 - 0.8 * jnp.tanh((s.outlet_pressure - 0.5e6) / 80e3)) / 1.8),
+    law(library.HoseCompliance, "MullinsHose",
+        "A rubber hose that softens as it is worked: C (1 − 0.7 exp(−t/0.12 s)). "
+        "Source: Mullins, Rubber Chemistry and Technology 42 (1969) 339.",
+        {"wall_compliance": ("m^3/Pa", 1e-14, 1e-11)},
+        outlet_capacity=lambda e, s, z: e.wall_compliance * (1.0 - 0.7 * jnp.exp(-s.time / 0.12))),
+    law(library.OutletLineInertance, "MixedLineInertance", "A line with inertance and a loss ∝ Q^1.5: "
+        "I dQ/dt = Δp − k √|Q| Q. Source: transition flow, between Hagen-Poiseuille and Darcy-Weisbach.",
+        LINE | {"mixed_loss": ("kg/(s*m^5.5)", 2e10, 3e11)}, states={"moving": "m^3/s"},
+        outlet_line_resistance=lambda e, s, z: e.mixed_loss * jnp.sqrt(jnp.abs(z.moving) + 1e-8),
+        outlet_line_flow=lambda e, s, z: z.moving,
+        rates=lambda e, s, z: {"moving": outlet_line_drop(s, z.moving) / e.line_mass}),
+    law(library.OutletLineInertance, "OneWayLineInertance", "A line with inertance whose loss is larger forward: "
+        "R (1 + 0.6 tanh(Q/0.6 L/min)). Source: Tesla, US patent 1329559 (1920), fluidic diodes; form chosen.",
+        LINE | {"forward_loss": ("Pa*s/m^3", 1e8, 2e9)}, states={"moving": "m^3/s"},
+        outlet_line_resistance=lambda e, s, z: _one_sided_loss(e, z.moving), outlet_line_flow=lambda e, s, z: z.moving,
+        rates=lambda e, s, z: {"moving": outlet_line_drop(s, z.moving) / e.line_mass}),
+    law(library.OutletLineResistance, "CouplingPoppet", "A quick coupling whose poppet opens with pressure: "
+        "R (0.35 + exp(−(p − p_s)/0.15 MPa)). Source: spring-loaded poppet in the line; form chosen.",
+        {"poppet_size": ("Pa*s/m^3", 2e8, 1e10)}, outlet_line_resistance=lambda e, s, z: e.poppet_size
+        * (0.35 + jnp.exp(-jnp.maximum(s.outlet_pressure - s.accumulator_pressure, 0.0) / 0.15e6))),
+    law(library.OutletLineResistance, "SiltingLine",
+        "A line that silts up steadily: R (0.4 + t/0.4 s). Source: Hermia, "
+        "Trans. IChemE 60 (1982) 183, blocking laws; linear in time here.", {"silt_size": ("Pa*s/m^3", 1e8, 8e9)},
+        outlet_line_resistance=lambda e, s, z: e.silt_size * (0.4 + s.time / 0.4)),
+    law(library.SuctionLineResistance, "ThinningSuctionLine", "A suction line with oil that flows more easily once it "
+        "moves: R (0.4 + exp(−|v|/80 mm/s)). Source: thixotropic cold oil; Barnes, J. Non-Newtonian Fluid Mech. 70 "
+        "(1997) 1; form chosen.", {"cold_size": ("Pa*s/m^3", 2e7, 4e9)}, suction_line_resistance=lambda e, s, z:
+        e.cold_size * (0.4 + jnp.exp(-jnp.abs(s.sliding_velocity) / 0.08))),
+    law(library.SuctionLineResistance, "BlockingStrainer",
+        "A strainer that blocks steadily: R (0.3 + t/0.35 s). Source: "
+        "Hermia, Trans. IChemE 60 (1982) 183, intermediate blocking.", {"block_size": ("Pa*s/m^3", 2e7, 3e9)},
+        suction_line_resistance=lambda e, s, z: e.block_size * (0.3 + s.time / 0.35)),
+    law(library.SuctionLineInertance, "MixedSuctionInertance", "A suction line with inertance and a loss ∝ Q^1.5: "
+        "I dQ/dt = Δp − k √|Q| Q. Source: transition flow, between Hagen-Poiseuille and Darcy-Weisbach.",
+        LINE | {"mixed_loss": ("kg/(s*m^5.5)", 1e10, 1e11)}, states={"moving": "m^3/s"},
+        suction_line_resistance=lambda e, s, z: 5e6 + e.mixed_loss * jnp.sqrt(jnp.abs(z.moving) + 1e-8),
+        suction_line_flow=lambda e, s, z: z.moving,
+        rates=lambda e, s, z: {"moving": suction_line_drop(s, z.moving) / e.line_mass}),
+    law(library.SuctionLineInertance, "OneWaySuctionInertance", "A suction line with inertance whose loss is larger "
+        "forward: R (1 + 0.6 tanh(Q/0.6 L/min)). Source: entrance losses of a re-entrant pipe; Idelchik; form chosen.",
+        LINE | {"forward_loss": ("Pa*s/m^3", 1e7, 3e8)}, states={"moving": "m^3/s"},
+        suction_line_resistance=lambda e, s, z: _one_sided_loss(e, z.moving),
+        suction_line_flow=lambda e, s, z: z.moving,
+        rates=lambda e, s, z: {"moving": suction_line_drop(s, z.moving) / e.line_mass}),
+    law(library.OilTemperature, "CurvedViscosity", "Viscosity whose logarithm is curved over temperature: "
+        "exp(−b ΔT (1 − ΔT/60 K)), ΔT = T − 313 K. Source: second-order fit of ASTM D341 charts; form chosen.",
+        {"curved_slope": ("1/K", 0.015, 0.05)}, oil_viscosity_factor=lambda e, s, z: jnp.exp(
+        -e.curved_slope * (s.oil_temperature - 313.15) * (1.0 - (s.oil_temperature - 313.15) / 60.0))),
+    law(library.OilTemperature, "AbsoluteViscosity", "Viscosity by a power of absolute temperature: (T/313 K)^(−n). "
+        "Source: Cornelissen, Waterman, Chem. Eng. Science 4 (1955) 238, simplest form.",
+        {"absolute_power": ("-", 4.0, 16.0)},
+        oil_viscosity_factor=lambda e, s, z: jnp.exp(-e.absolute_power * jnp.log(s.oil_temperature / 313.15))),
+    law(library.PressureViscosity, "RootPressureViscosity", "Viscosity that rises with the root of the pressure in the "
+        "gap: 1 + b √(p̄/0.5 MPa). Source: free-volume fits at low pressure; form chosen.",
+        {"root_rise": ("-", 0.01, 0.2)},
+        gap_viscosity_factor=lambda e, s, z: 1.0 + e.root_rise * jnp.sqrt(_mean_gap(s) / GAUGE + 1e-3)),
+    law(library.PressureViscosity, "RisingGapViscosity", "Viscosity that rises with pressure, less at speed, where the "
+        "film heats up: 1 + b (p̄/0.5 MPa)/(1 + |v|/0.1 m/s). Source: Barus' law and viscous heating; form chosen.",
+        {"gap_rise": ("-", 0.01, 0.2)}, gap_viscosity_factor=lambda e, s, z: 1.0 + e.gap_rise * _mean_gap(s) / GAUGE
+        / (1.0 + jnp.abs(s.piston_velocity) / 0.1)),
+    law(library.CylinderSealFriction, "ExponentialCylinderSeal", "Cylinder friction that grows exponentially with the "
+        "head pressure: μ A p_1 (exp(p/p_1) − 1), p_1 = 0.4 MPa. Source: extrusion of soft rings; form chosen.",
+        {"ring_share": ("-", 0.002, 0.06)}, cylinder_friction_level=lambda e, s, z: e.ring_share * s.cylinder_area
+        * 0.4e6 * (jnp.exp(jnp.minimum(_gauge_head(s) / 0.4e6, 4.0)) - 1.0)),
+    law(library.CylinderSealFriction, "NarrowingCylinderSeal", "Cylinder friction that grows with pressure and along "
+        "the stroke: μ A p (0.4 + 0.8 x/8 mm). Source: a bore that narrows; form chosen.",
+        {"ring_share": ("-", 0.004, 0.1)}, cylinder_friction_level=lambda e, s, z: e.ring_share * s.cylinder_area
+        * _gauge_head(s) * (0.4 + 0.8 * jnp.clip(s.cylinder_position / 8e-3, 0.0, 2.0))),
+    law(library.LoadSpring, "TendonLoad", "A load spring that stiffens exponentially: −k x_0 (exp(x/x_0) − 1), "
+        "x_0 = 5 mm. Source: Fung, Am. J. Physiology 213 (1967) 1532.", {"load_rate": ("N/m", 50.0, 1e5)},
+        cylinder_force=lambda e, s, z:
+        -e.load_rate * 5e-3 * (jnp.exp(jnp.clip(s.cylinder_position / 5e-3, -4.0, 4.0)) - 1.0)),
+    law(library.LoadSpring, "BumperLoad", "A load spring with a bumper from 4 mm on: −k x − 3 k max(x − 4 mm, 0). "
+        "Source: statics; rounded within 0.5 mm.", {"load_rate": ("N/m", 50.0, 2e5)}, cylinder_force=lambda e, s, z:
+        -e.load_rate * (s.cylinder_position + 3.0 * smooth_positive(s.cylinder_position - 4e-3, 0.5e-3))),
+    law(library.CylinderLeakageRise, "PressedOpenLeakage", "Leakage of the cylinder that grows with position and "
+        "pressure: k x (0.3 + p_h/0.5 MPa). Source: a tube that widens under pressure; Lamé.",
+        {"bore_share": ("m^2/(s*Pa)", 5e-13, 1e-10)}, cylinder_leakage_change=lambda e, s, z: e.bore_share
+        * jnp.maximum(s.cylinder_position, 0.0) * (0.3 + _gauge_head(s) / GAUGE)),
+    law(library.CylinderLeakageRise, "ChatterMarkLeakage", "Leakage of the cylinder past chatter marks 3 mm apart: "
+        "k x (1 + 0.8 sin(2π x/3 mm)). Source: honing faults of bores; form chosen.",
+        {"bore_share": ("m^2/(s*Pa)", 1e-12, 1e-10)}, cylinder_leakage_change=lambda e, s, z: e.bore_share
+        * jnp.maximum(s.cylinder_position, 0.0) * (1.0 + 0.8 * jnp.sin(2.0 * jnp.pi * s.cylinder_position / 3e-3))),
 )  # fmt: skip

@@ -1,27 +1,51 @@
-"""Settings and sheets that are off, for tuning."""
+"""Settings and sheets that are off, for development."""
 
 import numpy as np
 
 from studies.hidden_effects.generators.settings import RunDrift, WrongSheet
 
 
-def _scatter(rng, runs):
-    """Each run by itself, 0.3 … 1 % off in either direction."""
-    return 1.0 + rng.uniform(0.003, 0.01, runs) * rng.choice([-1.0, 1.0], runs)
+def _hand_wheel(rng, runs):
+    """A hand wheel with play: 0.3 … 0.9 % above or below, by the direction from which a setting was reached."""
+    return 1.0 + rng.uniform(0.003, 0.009) * np.where(rng.uniform(size=runs) < 0.5, 1.0, -1.0)
 
 
-def _approach(rng, runs):
-    """Towards a steady value: up to 0.6 … 1.5 % more in the last run."""
-    return 1.0 + rng.uniform(0.006, 0.015) * (1.0 - np.exp(-np.arange(runs) / 2.0))
+def warmer_in_sessions(rng, runs):
+    """Warmer within each session of three runs, cold again after the pause: up to 0.6 … 1.6 %."""
+    return 1.0 + rng.uniform(0.006, 0.016) * (np.arange(runs) % 3) / 2.0
 
 
-def _three_far_off(rng, count):
-    """Three parameters 2.2 … 2.9 standard deviations off, the others as usual."""
-    out = np.clip(rng.standard_normal(count), -2.0, 2.0)
-    chosen = rng.choice(count, min(3, count), replace=False)
-    out[chosen] = rng.uniform(2.2, 2.9, len(chosen)) * rng.choice([-1.0, 1.0], len(chosen))
+def _refilled(rng, runs):
+    """Fresh oil after one of the runs: 2 … 5 % from then on, either sign."""
+    first = rng.integers(1, runs) if runs > 1 else 1
+    return 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.05) * (np.arange(runs) >= first)
+
+
+def _oscillating(rng, runs):
+    """A thermostat: two periods over the campaign, 0.3 … 0.8 %."""
+    angle = 4.0 * np.pi * np.arange(runs) / max(runs, 2) + rng.uniform(0.0, 6.0)
+    return 1.0 + rng.uniform(0.003, 0.008) * np.sin(angle)
+
+
+def _one_group_off(rng, count):
+    """The first or the last third of the sheet 1.5 … 2.3 standard deviations off in one direction."""
+    out = np.clip(rng.standard_normal(count), -1.5, 1.5)
+    third = slice(0, -(-count // 3)) if rng.uniform() < 0.5 else slice(count - count // 3 or 0, count)
+    out[third] = rng.choice([-1.0, 1.0]) * rng.uniform(1.5, 2.3)
     return out
 
 
-DRIFTS = (RunDrift("settings scatter", None, _scatter), RunDrift("coil warms up", "coil_resistance", _approach))
-SHEETS = (WrongSheet("three parameters far off", _three_far_off),)
+def _one_forgotten(rng, count):
+    """One parameter 2.4 … 2.9 standard deviations off, the others within half of one."""
+    out = rng.uniform(-0.5, 0.5, count)
+    out[rng.integers(count)] = rng.choice([-1.0, 1.0]) * rng.uniform(2.4, 2.9)
+    return out
+
+
+DRIFTS = (
+    RunDrift("hand wheel with play", None, _hand_wheel), RunDrift("thermostat", None, _oscillating),
+    RunDrift("coil warms up in sessions", "coil_resistance", warmer_in_sessions),
+    RunDrift("force constant of sessions", "force_constant", warmer_in_sessions),
+    RunDrift("oil is refilled", "oil_viscosity", _refilled),
+)  # fmt: skip
+SHEETS = (WrongSheet("one group off", _one_group_off), WrongSheet("one forgotten", _one_forgotten))

@@ -4,19 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from edhas_jax.machine.effects import KarnoppFriction, LugreFriction
+from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench
 from edhas_jax.measurements.campaign import Channel, Use
 from studies.hidden_effects.generators.benches import Bench
-from studies.hidden_effects.generators.tuning.benches import (
-    ACTUATOR_CHANNELS,
-    ACTUATOR_UNCERTAIN,
-    PUMP_CHANNELS,
-    PUMP_EFFECTS,
-    PUMP_UNCERTAIN,
-    SYSTEM_CHANNELS,
-    SYSTEM_UNCERTAIN,
-)
 from studies.synthetic_campaign import PlannedRun
 
 SEED = 20261125
@@ -24,6 +15,28 @@ PUMPS, ACTUATORS, SYSTEMS = 16, 4, 4  # number of benches
 SHARE_OF_SYSTEMS = 0.1  # of the cases: the system takes longest
 FASTEST = 0.6  # m/s, peak velocity of the mover that the supply allows
 LEAST_SENSORS = 3
+ACTUATOR_UNCERTAIN = {
+    "coil_resistance": 0.02, "force_constant": 0.02, "mover_damping": 0.25, "coulomb_friction": 0.25,
+    "static_friction": 0.25,
+}  # fmt: skip
+PUMP_UNCERTAIN = ACTUATOR_UNCERTAIN | {
+    "oil_viscosity": 0.15, "air_fraction": 0.4, "valve_spring_rate": 0.05, "valve_damping": 0.15,
+    "piston_clearance": 0.1, "load_orifice_area": 0.03, "pump_damping": 0.3,
+}  # fmt: skip
+SYSTEM_UNCERTAIN = ACTUATOR_UNCERTAIN | {
+    "oil_viscosity": 0.15, "air_fraction": 0.4, "piston_clearance": 0.1, "pump_damping": 0.3,
+    "cylinder_sliding_friction": 0.25, "cylinder_breakaway_friction": 0.25, "cylinder_damping": 0.2,
+    "reversing_valve_area": 0.05,
+}  # fmt: skip
+ACTUATOR_CHANNELS = {
+    "voltage": Channel("V", 0.02), "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6),
+}  # fmt: skip
+PUMP_CHANNELS = ACTUATOR_CHANNELS | {"outlet_pressure": Channel("MPa", 1.5e3), "outlet_flow": Channel("L/min", 2e-7)}
+SYSTEM_CHANNELS = {
+    "current": Channel("A", 0.02), "piston_position": Channel("mm", 5e-6), "outlet_pressure": Channel("MPa", 2e3),
+    "head_pressure": Channel("MPa", 2e3), "cylinder_position": Channel("mm", 5e-6),
+}  # fmt: skip
+PUMP_EFFECTS = (LugreFriction, PistonLeakage, EntrainedAir)
 
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
