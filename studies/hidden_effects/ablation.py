@@ -44,7 +44,7 @@ class Part(enum.Enum):
     LAW_DEVIATIONS = "deviations of an effect from its law, integrated out"
     ERROR_OF_LAWS = "laws err elsewhere by no more than over their variable"
     CURVES_AS_LAWS = "free curves as the law of an effect"
-    EFFECTS_FOR_CURVES = "effects tried in place of a free curve or another law at their component"
+    EFFECTS_FOR_CURVES = "effects tried in place of a free curve at their component"
     FREE_TERMS = "free terms, so that no answer is `unknown`"
     BACKGROUND = "the background beneath the predictions"
     SIGNATURES_BESIDE = "signatures simulated again beside the best set"
@@ -86,7 +86,7 @@ def _left_out(part: Part) -> tuple[object, dict[str, object]]:
         case Part.CURVES_AS_LAWS:
             return SetSearch, {"_take_curves_as_laws": lambda self: None}
         case Part.EFFECTS_FOR_CURVES:
-            return SetSearch, {"_may_be_law": lambda self, move, best: False}
+            return SetSearch, {"_may_be_law": staticmethod(lambda move, best: False)}
         case Part.FREE_TERMS:
             return SetSearch, {"__init__": without_terms}
         case Part.BACKGROUND:

@@ -60,7 +60,7 @@ EXPANDED, REFITTED, MAX_ROUNDS = 3, 4, 6  # sets whose additions are predicted i
 LEAST_ADDITIONS = 2  # to the best set, fitted in a round above the noise even if predicted to be a little too weak
 WINDOW = 3.0  # nats below the best set, within which a predicted set is fitted and a fitted one competes (1 : 20)
 WORTH_A_FIT = 1.0  # nats of log weight that another start could gain at most, from which it is tried
-LAWS_TRIED = 3  # effects fitted in place of a free term or deviating law at their part of the machine: it may be theirs
+LAWS_TRIED = 3  # effects that are fitted in place of a free term at their part of the machine, as it may be their law
 PREDICTION_ERROR = 0.5 * WEIGHT.freedoms  # nats: near the noise a fit may leave a misfit e times the predicted one
 KEPT_PROMISE = 0.5  # of a predicted gain: a fit that gains less probably ended elsewhere; another start is tried
 FIT_STEPS = 15  # maximum number of Levenberg-Marquardt steps of a fit, and of each part of one on growing parts
@@ -334,17 +334,16 @@ class SetSearch:
         smaller = [self.sets.get(best.key - {c.name}) for c in best.members]
         return [*self.ranked()[:EXPANDED], *(of for of in smaller if of is not None)]
 
-    def _may_be_law(self, move: Move, best: FittedSet) -> bool:
-        """Whether a move exchanges a free term of the best set, or an effect, for an effect at the same place.
+    @staticmethod
+    def _may_be_law(move: Move, best: FittedSet) -> bool:
+        """Whether a move exchanges the free term of the best set for an effect at the same place.
 
-        The curve, or the deviation of the law, may be the law of that effect, however little its signature at another
-        size predicts.
+        The curve may be the law of that effect, however little its signature at another size predicts.
         """
-        gone = next((c for c in best.members if move.to.key == best.key - {c.name}), None)
-        if gone is None or isinstance(move.added, FreeTerm) or move.added.location != gone.location:
+        free = next((c for c in best.members if isinstance(c, FreeTerm)), None)
+        if free is None or isinstance(move.added, FreeTerm):
             return False
-        differs = self.weight.constants.least_error < best.law_error < math.inf
-        return isinstance(gone, FreeTerm) or gone.signal is None and differs
+        return move.to.key == best.key - {free.name} and move.added.location == free.location
 
     @staticmethod
     def _is_curve_beside_law(move: Move, best: FittedSet, chosen: Sequence[Move]) -> bool:
