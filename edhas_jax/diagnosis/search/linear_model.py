@@ -20,7 +20,7 @@ import numpy as np
 from edhas_jax.inference.fit.evaluated_fit import remaining
 from edhas_jax.inference.fit.fit import Fit
 from edhas_jax.inference.likelihood.run_equations import run_columns
-from edhas_jax.inference.likelihood.symmetric_matrices import inverse_factor
+from edhas_jax.inference.likelihood.symmetric_matrices import inverse_factor, regularised_inverse
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +146,7 @@ class FlooredModel:
         """The fall of ½ Σ left² and `squares` by the deviations of laws [nats]."""
         factor = self._factor[self._of.laws]
         estimate = factor @ self._right
-        return 0.5 * float(estimate @ np.linalg.solve(factor @ factor.T, estimate))
+        return 0.5 * float(estimate @ regularised_inverse(factor @ factor.T) @ estimate)
 
     @functools.cached_property
     def numbers(self) -> float:
