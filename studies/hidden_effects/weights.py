@@ -28,7 +28,7 @@ from rich.table import Table
 
 import edhas_jax as edhas
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm
-from edhas_jax.diagnosis.search.posterior import LEAST_GAIN, NOT_FITTED
+from edhas_jax.diagnosis.search.posterior import set_probabilities
 from edhas_jax.diagnosis.search.result import Diagnosis
 from edhas_jax.diagnosis.search.weight import WEIGHT, Weighing, WeightConstants
 from studies.hidden_effects.answers import Truth, same_names
@@ -63,7 +63,7 @@ def sets_as_json(found: Diagnosis, truth: Truth) -> dict[str, Any]:
     rows = [
         {
             "members": sorted(of.key), "free": sum(isinstance(c, FreeTerm) for c in of.members), "misfit": of.misfit,
-            "numbers": of.numbers, "law_error": of.law_error,
+            "numbers": of.numbers, "fall_by_laws": of.fall_by_laws,
             "right": is_right([(c.name, c.signal, isinstance(c, FreeTerm)) for c in of.members], truth),
         }
         for of in found.posterior.sets
@@ -94,13 +94,9 @@ def score(case: dict[str, Any], constants: WeightConstants) -> float:
         weighing.note(SimpleNamespace(**row | {"members": [kind(None) for kind in kinds]}))
     logs = [weighing.at(r["misfit"], len(r["members"]) - r["free"], r["free"]) for r in case["sets"]]
     misfits = {frozenset(row["members"]): row["misfit"] for row in case["sets"]}
-    weights = []
-    for log, (key, misfit) in zip(logs, misfits.items(), strict=True):
-        without = [misfits[less] for name in key if (less := key - {name}) in misfits]
-        counts = log == max(logs) or weighing.gain(misfit, without) >= LEAST_GAIN
-        weights.append(counts * math.exp(log - max(logs)))
-    right = sum(w for w, row in zip(weights, case["sets"], strict=True) if row["right"])
-    return math.log(max((1.0 - NOT_FITTED) * right / sum(weights), LEAST_PROBABILITY))
+    probabilities = set_probabilities(logs, [weighing.gain(key, misfits) for key in misfits])
+    right = sum(p for p, row in zip(probabilities, case["sets"], strict=True) if row["right"])
+    return math.log(max(right, LEAST_PROBABILITY))
 
 
 def mean_score(cases: Sequence[dict[str, Any]], constants: WeightConstants) -> float:

@@ -292,3 +292,13 @@ def test_a_curve_that_is_not_smooth_is_not_offered_as_a_law(diagnosis, values, i
     assert said[0].endswith("most likely it acts on mover.")
     assert said[1] == "What explains most of it is a curve over piston velocity as mover force."
     assert said[2].startswith("This curve is no law of one cause: it is not smooth") is not is_law
+
+
+def test_where_no_curve_explains_what_is_left_the_records_may_be_wrong(diagnosis):
+    nothing = next(of for of in diagnosis.posterior.sets if not of.members)
+    alone = SetPosterior((dataclasses.replace(nothing, excess=10.0 * nothing.samples, log_weight=0.0),))
+    found = dataclasses.replace(diagnosis, posterior=alone, after=nothing.evaluated, laws=())
+    assert found.verdict is Verdict.UNKNOWN_EFFECT
+    sentences = conclusions(found)
+    assert sentences[0].startswith("Neither an effect of the library nor a curve explains what is left")
+    assert "Not ruled out, with their probabilities: unknown 0.45, nothing 0.45." in sentences

@@ -157,12 +157,14 @@ def test_an_effect_that_explains_nothing_is_no_other_answer():
 
 
 def test_the_gain_of_a_set_is_that_of_its_least_member():
-    weight = Weighing(10, 1, 1000, NUMBERS)
-    for misfit, kinds in ((5000.0, ()), (900.0, (EddyDrag,)), (600.0, (EddyDrag, CoggingForce))):
-        weight.note(FittedSet(tuple(map(Candidate, kinds)), None, None, misfit, 0.0, 0.0, 1000))
-    assert weight.gain(5000.0, []) == np.inf
+    weight, misfits = Weighing(10, 1, 1000, NUMBERS), {}
+    for misfit, kinds in ((5e3, ()), (900.0, (EddyDrag,)), (4e3, (CoggingForce,)), (600.0, (EddyDrag, CoggingForce))):
+        of = FittedSet(tuple(map(Candidate, kinds)), None, None, misfit, 0.0, 0.0, 1000)
+        weight.note(of)
+        misfits[of.key] = misfit
+    assert weight.gain(frozenset(), misfits) == np.inf
     expected = weight.log_likelihood(600.0) - weight.log_likelihood(900.0)
-    assert weight.gain(600.0, [4000.0, 900.0]) == pytest.approx(expected) and expected > 0.0
+    assert weight.gain(of.key, misfits) == pytest.approx(expected) and expected > 0.0
 
 
 def test_what_takes_the_place_of_a_member_is_near_and_as_small():
@@ -252,12 +254,12 @@ def test_what_a_set_explains_decides_how_much_its_laws_may_leave():
 def test_laws_that_follow_the_library_leave_little_elsewhere():
     """The same fall counts where the deviations of the laws explain next to nothing."""
     gains = []
-    for law_error in (np.inf, 3e4, 100.0, 0.0):
+    for fall in (np.inf, 3e4, 100.0, 0.0):
         weight = Weighing(1, 1, 1000, NUMBERS)
         weight.note(FittedSet((), None, None, 2e6, 60.0, 2e6, 1000))
-        best = dataclasses.replace(a_set(1.0, EddyDrag), misfit=550.0, numbers=60.0, law_error=law_error)
+        best = dataclasses.replace(a_set(1.0, EddyDrag), misfit=550.0, numbers=60.0, fall_by_laws=fall)
         weight.note(best)
-        weight.note(dataclasses.replace(best, misfit=900.0, law_error=0.0))  # one that leaves more says nothing
+        weight.note(dataclasses.replace(best, misfit=900.0, fall_by_laws=0.0))  # one that leaves more says nothing
         gains.append(weight.at(550.0, 0, 0) - weight.at(2000.0, 0, 0))
     assert gains[0] == gains[1] < 2.0 and 5.0 < gains[2] < gains[3]
 

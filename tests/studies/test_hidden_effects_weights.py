@@ -21,7 +21,7 @@ def truth(*hidden, withheld=False, disturbed=()):
 def case(*misfits):
     """Nothing, and the right set; ½χ² of noise alone would be 500."""
     rows = [{"members": [], "free": 0, "right": False}, {"members": ["eddy_drag"], "free": 0, "right": True}]
-    common = {"numbers": 50.0, "law_error": math.inf}
+    common = {"numbers": 50.0, "fall_by_laws": math.inf}
     rows = [row | common | {"misfit": misfit} for row, misfit in zip(rows, misfits, strict=True)]
     return {"named": 40, "free": 40, "samples": 1000, "sets": rows}
 

@@ -55,14 +55,7 @@ def conclusions(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict is Verdict.ADEQUATE:
         out = [_adequate_sentence(diagnosis), *left]
     elif diagnosis.verdict is Verdict.UNKNOWN_EFFECT:
-        term, places = diagnosis.free_term, list(diagnosis.posterior.locations())
-        place = term.location if term is not None else places[0] if places else "the machine"
-        where = f"; most likely it acts on {place.replace('_', ' ')}"
-        out = [f"Something is missing that no effect of the library explains{where}."]
-        if not diagnosis.posterior.best.members:
-            out = ["Neither an effect of the library nor a curve explains what is left: it is an unknown effect, or an "
-                   "error of the records (clock, noise, sensors)."]  # fmt: skip
-        out += [*_free_term_sentences(diagnosis, "What explains most of it"), *left]
+        out = [_unknown_sentence(diagnosis), *_free_term_sentences(diagnosis, "What explains most of it"), *left]
         out += [f"Beside it, {c.name} ({parameters_text(diagnosis, c)}) improves the model." for c in diagnosis.named]
     else:
         out = [_names_sentence(diagnosis), *left, *_doubt_sentences(diagnosis), *_law_sentences(diagnosis)]
@@ -186,6 +179,15 @@ def _doubt_sentences(diagnosis: Diagnosis) -> list[str]:
         for c in diagnosis.named
         if (p := diagnosis.posterior.probabilities[c.name]) < MIN_PROBABLE
     ]
+
+
+def _unknown_sentence(diagnosis: Diagnosis) -> str:
+    """Where something is missing that the library does not have, or that no curve explains it either."""
+    if diagnosis.free_term is None:
+        what = "it is an unknown effect, or an error of the records (clock, noise, sensors)"
+        return f"Neither an effect of the library nor a curve explains what is left: {what}."
+    place = diagnosis.free_term.location.replace("_", " ")
+    return f"Something is missing that no effect of the library explains; most likely it acts on {place}."
 
 
 def _law_sentences(diagnosis: Diagnosis) -> list[str]:

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm
 from edhas_jax.diagnosis.search.set_search import FittedSet
@@ -32,11 +33,8 @@ class SetPosterior:
 
     @functools.cached_property
     def weights(self) -> tuple[float, ...]:
-        """The probability of each set, 0 where a member adds less than `LEAST_GAIN`; together 1 − `NOT_FITTED`."""
-        largest = self.sets[0].log_weight
-        counts = [of is self.best or of.gain >= LEAST_GAIN for of in self.sets]
-        weights = [counted * math.exp(of.log_weight - largest) for counted, of in zip(counts, self.sets, strict=True)]
-        return tuple((1.0 - NOT_FITTED) * weight / sum(weights) for weight in weights)
+        """The probability of each set, see `set_probabilities`."""
+        return set_probabilities([of.log_weight for of in self.sets], [of.gain for of in self.sets])
 
     @functools.cached_property
     def _answers(self) -> list[tuple[tuple[str, ...], float]]:
@@ -46,7 +44,7 @@ class SetPosterior:
         """
         found = []
         for of, weight in zip(self.sets, self.weights, strict=True):
-            every = ((UNKNOWN,), (NOTHING,)) if not of.members and labels(of) == (UNKNOWN,) else (labels(of),)
+            every = (labels(of),) if of.members or labels(of) == (NOTHING,) else ((UNKNOWN,), (NOTHING,))
             found += [(names, weight / len(every)) for names in every]
         return found
 
@@ -121,6 +119,19 @@ class SetPosterior:
             for place in {c.location for c in of.members}:
                 found[place] = found.get(place, 0.0) + weight
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def set_probabilities(log_weights: Sequence[float], gains: Sequence[float]) -> tuple[float, ...]:
+    """The probability of each of some sets; together 1 − `NOT_FITTED`.
+
+    Args:
+        log_weights: their log weights [nats].
+        gains: see `FittedSet.gain`; a set of less than `LEAST_GAIN` has no probability, unless it is the best one.
+    """
+    best = max(range(len(log_weights)), key=log_weights.__getitem__)
+    counts = [k == best or gain >= LEAST_GAIN for k, gain in enumerate(gains)]
+    weights = [counted * math.exp(log - log_weights[best]) for counted, log in zip(counts, log_weights, strict=True)]
+    return tuple((1.0 - NOT_FITTED) * weight / sum(weights) for weight in weights)
 
 
 def labels(of: FittedSet) -> tuple[str, ...]:

@@ -123,7 +123,7 @@ class FittedSet:
         numbers: the same.
         excess: the same.
         samples: number of samples of the fit.
-        law_error: nats that deviations of its laws explain; infinite where these are not known.
+        fall_by_laws: fall of the misfit by deviations of its laws [nats]; infinite where these are not known.
         log_weight: logarithm of its weight [nats]; NaN before the search has ended.
         gain: rise of the log likelihood [nats] by that of its members that adds least, from the set without it.
         untried: further starts of its fit.
@@ -137,7 +137,7 @@ class FittedSet:
     numbers: float
     excess: float
     samples: int
-    law_error: float = math.inf
+    fall_by_laws: float = math.inf
     log_weight: float = math.nan
     gain: float = math.inf
     untried: list[Start] = dataclasses.field(default_factory=list)
@@ -271,10 +271,9 @@ class SetSearch:
             more_rounds = 0 if not best.excess > 0.0 else 1 if best.members else 2
             if without_success > more_rounds:
                 break  # nothing better in a round; above the noise in two, or in three where nothing is found yet
-        for of in self.sets.values():
-            without = (of.key - {c.name} for c in of.members)
-            misfits = [self.sets[key].misfit for key in without if key in self.sets]
-            of.log_weight, of.gain = self.weight.of(of), self.weight.gain(of.misfit, misfits)
+        misfits = {key: of.misfit for key, of in self.sets.items()}
+        for key, of in self.sets.items():
+            of.log_weight, of.gain = self.weight.of(of), self.weight.gain(key, misfits)
         return self.ranked()
 
     def additions(self) -> list[Move]:
@@ -423,8 +422,8 @@ class SetSearch:
         if not is_beside:  # the parameters of the effect are no unknowns of that fit
             own = 0.5 * sum(x * x for x in effect.own_coordinates(of.evaluated.fit).values())
         misfit = found.misfit + own
-        law_error = of.law_error + max(of.misfit - misfit, 0.0)
-        return dataclasses.replace(found, misfit=misfit, numbers=found.numbers + own, law_error=law_error)
+        fall = of.fall_by_laws + max(of.misfit - misfit, 0.0)
+        return dataclasses.replace(found, misfit=misfit, numbers=found.numbers + own, fall_by_laws=fall)
 
     def _let_compete(self) -> None:
         """Fit those sets from their other starts too that compete with the best one."""

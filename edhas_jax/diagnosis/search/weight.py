@@ -18,7 +18,7 @@ Source: Student distribution in place of a normal one for model error: Miller an
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from edhas_jax.diagnosis.candidates.candidate import Candidate, FreeTerm
@@ -57,7 +57,7 @@ class Weighable(Protocol):
     members: Sequence[Candidate]
     misfit: float
     numbers: float
-    law_error: float
+    fall_by_laws: float
 
 
 class Weighing:
@@ -78,7 +78,7 @@ class Weighing:
         self._log_named = math.log(constants.expected / max(named, 1))
         self._log_free = math.log(constants.unknown_odds / max(free, 1))
         self._least_numbers = self._least_misfit = self._of_nothing = math.inf
-        self._most_evidence, self._law_error = -math.inf, math.inf
+        self._most_evidence, self._fall_by_laws = -math.inf, math.inf
         self.noise = noise_level(samples)
 
     def note(self, of: Weighable) -> None:
@@ -87,7 +87,7 @@ class Weighing:
         self._least_misfit = min(self._least_misfit, of.misfit)
         evidence = self._log_prior(*counts(of.members)) - of.misfit
         if evidence > self._most_evidence:
-            self._most_evidence, self._law_error = evidence, of.law_error
+            self._most_evidence, self._fall_by_laws = evidence, of.fall_by_laws
         if not of.members:
             self._of_nothing = min(self._of_nothing, of.misfit)
 
@@ -95,7 +95,7 @@ class Weighing:
     def _least(self) -> float:
         """X₀ of the module."""
         least = min(self.noise + self._least_numbers, self._least_misfit)
-        of_laws = min(self.constants.law_error * (self._of_nothing - least), self._law_error)
+        of_laws = min(self.constants.law_error * (self._of_nothing - least), self._fall_by_laws)
         return least - max(of_laws, self.constants.least_error)
 
     def of(self, fitted: Weighable) -> float:
@@ -113,14 +113,19 @@ class Weighing:
         """The logarithm of the weight of a misfit [nats] without the prior."""
         return log_likelihood(misfit - self._least, self.samples, self.constants)
 
-    def gain(self, misfit: float, without: Iterable[float]) -> float:
-        """The rise of the log likelihood [nats] by that member of a set that adds least; infinite for no member.
+    def gain(self, key: frozenset[str], misfits: Mapping[frozenset[str], float]) -> float:
+        """The rise of the log likelihood [nats] by that member of a set that adds least, from the set without it.
 
         Args:
-            misfit: of the set [nats].
-            without: those of the fitted sets that lack one of its members [nats].
+            key: the names of the set.
+            misfits: the misfit of each fitted set [nats], by its names.
+
+        Returns:
+            Infinite where no set without one of its members was fitted.
         """
-        return min((self.log_likelihood(misfit) - self.log_likelihood(less) for less in without), default=math.inf)
+        without = [misfits[key - {name}] for name in key if key - {name} in misfits]
+        own = self.log_likelihood(misfits[key])
+        return min((own - self.log_likelihood(less) for less in without), default=math.inf)
 
 
 def counts(members: Sequence[Candidate]) -> tuple[int, int]:
