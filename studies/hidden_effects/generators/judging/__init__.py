@@ -1,4 +1,8 @@
-"""What the judging cases are made of; no law, disturbance, link, drift, sheet, run or machine is in another split."""
+"""What the judging cases are made of.
+
+None of these laws, disturbances, links of sensor chains, drifts, parameter sheets, runs and machines is used in another
+split.
+"""
 
 from studies.hidden_effects.generators.judging.benches import BENCHES
 from studies.hidden_effects.generators.judging.chains import LINKS

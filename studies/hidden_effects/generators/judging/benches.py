@@ -1,4 +1,4 @@
-"""Benches, for judging."""
+"""Test benches and their test plans, for the judging cases."""
 
 from edhas_jax.machine import effects as library
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench

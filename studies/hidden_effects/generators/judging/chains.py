@@ -1,21 +1,21 @@
-"""Links of sensor chains, for judging."""
+"""Links of sensor chains, for the judging cases."""
 
 import numpy as np
 from scipy.signal import lfilter
 
 from studies.hidden_effects.generators.chains import Link, Place
 
-RINGING = 0.35  # damping ratio of a tapped pressure line or of a sensor on its mount
-BURST = 25  # samples
+RINGING = 0.35  # damping ratio of a pressure sensor behind a tube, or of a sensor on an elastic mount
+BURST = 25  # samples with the same noise level
 
 
 def _from_start(trace, b, a):
-    """The trace behind a digital filter of gain 1 at rest that is in steady state at the first sample."""
+    """The first sample plus the filtered change from it: a digital filter that is at rest until the first sample."""
     return trace[0] + lfilter(b, a, trace - trace[0])
 
 
 def _ringing_mount(interval, trace, period):
-    """A sensor that rings with a period: poles of a damped oscillator, mapped to the grid."""
+    """A sensor with a resonance of this undamped period: a damped oscillator, its poles mapped to the time grid."""
     omega = 2.0 * np.pi / period
     pole = np.exp(interval * omega * (-RINGING + 1j * np.sqrt(1.0 - RINGING**2)))
     a = np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
@@ -23,7 +23,7 @@ def _ringing_mount(interval, trace, period):
 
 
 def _integrating(interval, trace, time):
-    """A converter that averages over the time before each sample."""
+    """An integrating A/D converter: each sample is the mean over this time before it."""
     share = time / interval
     whole = int(share)
     b = np.append(np.ones(whole + 1), share - whole)
@@ -31,23 +31,26 @@ def _integrating(interval, trace, time):
 
 
 def _draining(interval, trace, time):
-    """A charge amplifier that loses its charge slowly, from the start of a record on."""
+    """A charge amplifier: a first-order high-pass filter with this time constant, which starts with the record."""
     pole = np.exp(-interval / time)
-    return lfilter([1.0, -1.0], [1.0, -pole], trace - trace[0]) + trace[0]
+    return _from_start(trace, [1.0, -1.0], [1.0, -pole])
 
 
 def _fast_clock(times, share):
-    """A recorder whose clock is slow by a share, so that it samples late."""
+    """A recorder whose clock is slow by this share: it samples later than its time stamps say."""
     return times * (1.0 + share)
 
 
 def _timer_ticks(times, tick):
-    """Samples at the ticks of a timer, whose time stamps are even."""
+    """Sampling times rounded to the ticks of a timer, while the time stamps are equidistant."""
     return tick * np.round(times / tick)
 
 
 def _flicker(rng, count, share):
-    """White noise and flicker noise with a share of the variance: lags of 2, 10 and 50 samples together."""
+    """White noise plus flicker (1/f) noise with this share of the variance.
+
+    The flicker noise is the sum of three first-order processes with correlation lengths of 2, 10 and 50 samples.
+    """
     out = np.sqrt(1.0 - share) * rng.standard_normal(count)
     for length in (2.0, 10.0, 50.0):
         pole = np.exp(-1.0 / length)
@@ -57,37 +60,37 @@ def _flicker(rng, count, share):
 
 
 def _shaped(rng, count, weight):
-    """Noise of a converter that shapes it, less at low frequency: n_k − w n_{k−1}, of unit standard deviation."""
+    """First-order shaped noise of an A/D converter, less at low frequency: n_k − w n_{k−1}, of unit deviation."""
     white = rng.standard_normal(count + 1)
     return (white[1:] - weight * white[:-1]) / np.sqrt(1.0 + weight**2)
 
 
 def _bursts(rng, count, factor):
-    """Noise that is larger by a factor in a quarter of the time, as beside a relay, scaled to unit deviation."""
+    """Noise in bursts: larger by this factor in a quarter of the time, as beside a relay; scaled to unit deviation."""
     blocks = rng.uniform(size=count // BURST + 1) < 0.25
     size = np.where(np.repeat(blocks, BURST)[:count], factor, 1.0)
     return size * rng.standard_normal(count) / np.sqrt(0.75 + 0.25 * factor**2)
 
 
 def _missing_codes(rng, samples, noise, steps):
-    """A converter that lacks every fourth of its codes, which are a few times the noise apart."""
+    """An A/D converter with missing codes: every fourth reads as the one below; `steps` is a code over the noise."""
     code = np.round(samples / (steps * noise))
     return np.where(code % 4 == 3, code - 1.0, code) * steps * noise
 
 
 def _running_mean(rng, samples, noise, weight):
-    """Software that mixes each sample with what it had before."""
+    """Exponential smoothing of the samples in software: y_k = (1 − w) x_k + w y_(k−1)."""
     return _from_start(samples, [1.0 - weight], [1.0, -weight])
 
 
 def _curved_sensor(rng, samples, noise, size):
-    """A sensor whose curve bends, within its accuracy, and is right at zero and at the ends of its range."""
+    """A sensor with a cubic nonlinearity within its accuracy; no error at zero and at the ends of its range."""
     share = samples / np.nanmax(np.abs(samples))
     return samples + size * np.nanmax(np.abs(samples)) * 2.6 * (share**3 - share)
 
 
 def _creeping_zero(rng, samples, noise, size):
-    """A zero that creeps along the record by a share of the range."""
+    """Zero drift: the offset grows with the square root of time, to this share of the largest value at the end."""
     direction = rng.choice([-1.0, 1.0])
     return samples + direction * size * np.nanmax(np.abs(samples)) * np.linspace(0.0, 1.0, len(samples)) ** 0.5
 

@@ -1,4 +1,4 @@
-"""Small disturbances, for judging."""
+"""Small disturbances, for the judging cases."""
 
 import jax.numpy as jnp
 
@@ -16,23 +16,23 @@ def _pulse(s, start, width):
 
 
 class JudgingDisturbances(Effect):
-    """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
+    """Small effects of coil, amplifier and mover that the library lacks; one parameter sets the size of each."""
 
-    compressor: float = size_par("N", "force of a piston compressor beside the bench, with its second order")
-    compressor_rate: float = shape_par(24.0, "Hz", "its speed", (19.0, 29.0))
+    compressor: float = size_par("N", "force of a piston compressor beside the bench, at once and twice its speed")
+    compressor_rate: float = shape_par(24.0, "Hz", "rotational frequency of the compressor", (19.0, 29.0))
     compressor_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    slammed_door: float = size_par("N", "push by a door, within 20 ms")
-    door_time: float = shape_par(0.1, "s", "its time", (0.06, 0.18))
-    swinging_cable: float = size_par("N", "force of a cable that swings and comes to rest")
+    slammed_door: float = size_par("N", "force pulse from a slammed door, about 20 ms long")
+    door_time: float = shape_par(0.1, "s", "time of the pulse", (0.06, 0.18))
+    swinging_cable: float = size_par("N", "force of a swinging cable, which decays with a time constant of 0.25 s")
     swing_rate: float = shape_par(7.0, "Hz", "its frequency", (5.0, 13.0))
-    guide_ledge: float = size_par("N", "force step where two parts of the guide meet")
-    ledge_position: float = shape_par(0.5e-3, "m", "its position", (-2e-3, 2e-3))
-    scale_error: float = size_par("m", "error of the position scale within its period of 0.4 mm")
+    guide_ledge: float = size_par("N", "step of the force at the joint between two parts of the guide")
+    ledge_position: float = shape_par(0.5e-3, "m", "position of the joint", (-2e-3, 2e-3))
+    scale_error: float = size_par("m", "periodic error of the position encoder, period 0.4 mm")
     scale_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    bridge_balance: float = size_par("-", "gain of the amplifier that differs between the signs of its voltage")
-    start_offset: float = size_par("V", "offset of the amplifier that dies out in 60 ms")
-    shared_supply: float = size_par("V", "another load that switches on and off at the supply")
-    sharing_rate: float = shape_par(11.0, "Hz", "how often", (8.0, 19.0))
+    bridge_balance: float = size_par("-", "gain error of the amplifier, opposite for positive and negative voltage")
+    start_offset: float = size_par("V", "offset of the amplifier that decays with a time constant of 60 ms")
+    shared_supply: float = size_par("V", "voltage change as another load at the same supply switches on and off")
+    sharing_rate: float = shape_par(11.0, "Hz", "switching frequency of that load", (8.0, 19.0))
 
     def coil_voltage_change(self, s, z):
         scale = jnp.sin(2.0 * jnp.pi * s.piston_position / 0.4e-3 + self.scale_phase)
@@ -50,17 +50,17 @@ class JudgingDisturbances(Effect):
 
 
 class JudgingPumpDisturbances(Effect):
-    """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
+    """Small effects of oil, gaps and valves that the library lacks; one parameter sets the size of each."""
 
-    air_slug: float = size_par("-", "share of the compressibility while a slug of air passes")
-    slug_time: float = shape_par(0.12, "s", "when", (0.06, 0.18))
-    oil_streaks: float = size_par("-", "share of the viscosity that changes with streaks of cold oil")
+    air_slug: float = size_par("-", "compressibility added while a slug of air passes, relative to the oil, at 0.2 MPa")
+    slug_time: float = shape_par(0.12, "s", "time at which the slug passes", (0.06, 0.18))
+    oil_streaks: float = size_par("-", "relative change of the viscosity as streaks of cold oil pass")
     streak_rate: float = shape_par(3.5, "Hz", "their frequency", (2.2, 7.0))
-    odd_spring: float = size_par("N/m", "rate of the spring of delivery valve A beyond the others")
-    odd_seat: float = size_par("-", "relative area of suction valve B beyond the others")
-    case_whistle: float = size_par("m^3/s", "flow out of both chambers by a drain that whistles, at 0.5 MPa")
+    odd_spring: float = size_par("N/m", "spring rate by which delivery valve A exceeds the other valves")
+    odd_seat: float = size_par("-", "relative flow area by which suction valve B exceeds the other valves")
+    case_whistle: float = size_par("m^3/s", "oscillating leakage of both chambers into the drain, at 0.5 MPa gauge")
     whistle_rate: float = shape_par(75.0, "Hz", "its frequency", (50.0, 105.0))
-    buzzing_balls: float = size_par("N", "force of a swirl that shakes the balls, at 0.1 MPa")
+    buzzing_balls: float = size_par("N", "oscillating force of vortices on the valve balls, at 0.1 MPa pressure drop")
     buzz_rate: float = shape_par(190.0, "Hz", "its frequency", (130.0, 260.0))
 
     def oil_compressibility(self, s, z):

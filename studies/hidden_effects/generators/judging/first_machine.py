@@ -1,4 +1,7 @@
-"""A machine of one's own, for judging: a small heated tip on a body in a case, whose voltage varies about a mean."""
+"""A machine that the package does not have, for the judging cases: a heated tip on a body in a case.
+
+The voltage of the heater varies about a mean.
+"""
 
 import functools
 
@@ -9,16 +12,17 @@ from edhas_jax.machine.effects import Effect
 from edhas_jax.measurements.campaign import Channel
 from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
+from studies.hidden_effects.generators.functions import smooth_positive
 from studies.hidden_effects.generators.judging.settings import cooling_room
 from studies.hidden_effects.generators.laws import law
 from studies.hidden_effects.generators.settings import RunDrift
 
 ROOM, STEFAN_BOLTZMANN = 293.15, 5.67e-8  # K, W/(m²·K⁴)
-WARM = 60.0  # K above the room, a usual temperature of the tip
+WARM = 60.0  # K above the room, a typical temperature of the tip
 
 
 class HeatedTip(Rig):
-    """A tip that is heated, a body and a case, each at one temperature above that of the room.
+    """An electrically heated tip, a body and a case, each with a uniform temperature; T is counted from the room's.
 
     C_1 dT_1/dt = U²/R − G_1 (T_1 − T_2) − H_1 T_1, C_2 dT_2/dt = G_1 (T_1 − T_2) − G_2 (T_2 − T_3),
     C_3 dT_3/dt = G_2 (T_2 − T_3) − H_3 T_3, with the voltage U = U_0 + u.
@@ -28,32 +32,32 @@ class HeatedTip(Rig):
 
     time_step, duration = 5e-4, 1.2  # s
 
-    swing = drive("V", "voltage of the heater above its mean", 0.0)
+    swing = drive("V", "voltage of the heater minus its mean", 0.0)
 
     mean_voltage: float = par(14.0, "V", (0.0, 1e3), "mean voltage of the heater")
     heater_resistance: float = par(20.0, "ohm", (1e-2, 1e4), "resistance of the heater")
     tip_capacity: float = par(0.025, "J/K", (1e-4, 1e4), "heat capacity of the tip")
     body_capacity: float = par(0.08, "J/K", (1e-4, 1e4), "heat capacity of the body")
     case_capacity: float = par(0.25, "J/K", (1e-4, 1e5), "heat capacity of the case")
-    tip_joint: float = par(0.6, "W/K", (1e-4, 1e4), "conductance from tip to body")
-    case_joint: float = par(0.9, "W/K", (1e-4, 1e4), "conductance from body to case")
-    tip_cooling: float = par(0.08, "W/K", (0.0, 1e3), "conductance from the tip to the room")
-    case_cooling: float = par(0.5, "W/K", (0.0, 1e3), "conductance from the case to the room")
+    tip_joint: float = par(0.6, "W/K", (1e-4, 1e4), "thermal conductance from tip to body")
+    case_joint: float = par(0.9, "W/K", (1e-4, 1e4), "thermal conductance from body to case")
+    tip_cooling: float = par(0.08, "W/K", (0.0, 1e3), "thermal conductance from the tip to the room")
+    case_cooling: float = par(0.5, "W/K", (0.0, 1e3), "thermal conductance from the case to the room")
 
-    tip_temperature = state("K", "tip above the room", 0.0)
-    body_temperature = state("K", "body above the room", 0.0)
-    case_temperature = state("K", "case above the room", 0.0)
+    tip_temperature = state("K", "temperature of the tip above the room", 0.0)
+    body_temperature = state("K", "temperature of the body above the room", 0.0)
+    case_temperature = state("K", "temperature of the case above the room", 0.0)
     heater_voltage = signal("V", "voltage of the heater")
-    joint_drop = signal("K", "tip above the body")
+    joint_drop = signal("K", "temperature of the tip above the body")
 
-    heater_factor = slot("tip", "-", "times the power", ("tip_temperature", "heater_voltage"), 0.05, scales=True)
-    tip_loss = slot("tip", "W", "further heat that the tip loses", ("tip_temperature", "heater_voltage"), 0.5)
-    joint_heat = slot("body", "W", "further heat from tip to body", ("joint_drop", "heater_voltage"), 0.5)
-    body_loss = slot("body", "W", "further heat that the body loses", ("body_temperature", "joint_drop"), 0.5)
-    case_loss = slot("case", "W", "further heat that the case loses", "case_temperature", 0.5)
+    heater_factor = slot("tip", "-", "factor of the power", ("tip_temperature", "heater_voltage"), 0.05, scales=True)
+    tip_loss = slot("tip", "W", "additional heat loss of the tip", ("tip_temperature", "heater_voltage"), 0.5)
+    joint_heat = slot("body", "W", "additional heat flow from tip to body", ("joint_drop", "heater_voltage"), 0.5)
+    body_loss = slot("body", "W", "additional heat loss of the body", ("body_temperature", "joint_drop"), 0.5)
+    case_loss = slot("case", "W", "additional heat loss of the case", "case_temperature", 0.5)
 
     def equations(self, y, s):
-        """The rates of the temperatures; sets voltage and drop of the joint."""
+        """The rates of the temperatures; sets the heater voltage and the temperature drop at the joint."""
         zero = 0.0 * y.tip_temperature
         s.set(heater_voltage=self.mean_voltage + s.swing + zero, joint_drop=y.tip_temperature - y.body_temperature)
         power = jnp.square(s.heater_voltage) / self.heater_resistance * self.heater_factor.apply(1.0 + zero, s)
@@ -72,29 +76,27 @@ _law = functools.partial(law, rig=HeatedTip)
 
 
 def _radiated(t, more=0.0):
-    """Radiation [W/m²] of a surface whose temperature is `t` above the room, with an emissivity that may grow."""
+    """Net radiation [W/m²] of a surface `t` [K] above the room, with an emissivity that grows by `more` [1/K]."""
     hot = jnp.square(jnp.square(ROOM + jnp.maximum(t, -ROOM)))
     return STEFAN_BOLTZMANN * (hot - ROOM**4) * (1.0 + more * t)
-
-
-def _above(t, start, width):
-    return 0.5 * (t - start + jnp.sqrt(jnp.square(t - start) + width * width))
 
 
 # fmt: off
 RADIATION = _law(None, "TipRadiation", "Radiation of the tip: A σ (T⁴ − T_0⁴). Source: Stefan, Boltzmann.",
                  {"radiating_area": ("m^2", 1e-4, 1.5e-2)},
                  tip_loss=lambda e, s, z: e.radiating_area * _radiated(s.tip_temperature)).kind
-HEATER = _law(None, "HeaterRise", "A heater whose resistance rises: power/(1 + α T). Source: resistivity of metals.",
+HEATER = _law(None, "HeaterRise", "A heater whose resistance rises with temperature: power/(1 + α T). "
+              "Source: resistivity of metals.",
               {"rise_per_kelvin": ("1/K", 5e-5, 6e-3)},
               heater_factor=lambda e, s, z: 1.0 / (1.0 + e.rise_per_kelvin * s.tip_temperature)).kind
-BUOYANCY = _law(None, "BuoyantCooling", "Free convection of the case: h T √√(T/20 K), T > 0. Source: McAdams (1954).",
+BUOYANCY = _law(None, "BuoyantCooling", "Free convection of the case: h T (T/20 K)^¼, T > 0. Source: McAdams (1954).",
                 {"buoyant_loss": ("W/K", 0.01, 0.8)}, case_loss=lambda e, s, z: e.buoyant_loss * s.case_temperature
                 * jnp.sqrt(jnp.sqrt((jnp.maximum(s.case_temperature, 0.0) + 1e-3) / 20.0))).kind
-PELTIER = _law(None, "PeltierHeat", "Heat that the current of the heater carries into the body: Π U. Source: Peltier.",
+PELTIER = _law(None, "PeltierHeat", "Peltier heat that the heater current carries into the body: Π U. Source: Peltier.",
                {"peltier_current": ("A", -0.2, 0.2)},
                joint_heat=lambda e, s, z: e.peltier_current * s.heater_voltage).kind
-STORE = _law(None, "SlowStore", "A filling that takes up heat: G (T_2 − T_f), τ dT_f/dt = T_2 − T_f. Source: one lag.",
+STORE = _law(None, "SlowStore", "A filling of the body that stores heat: G (T_2 − T_f), τ dT_f/dt = T_2 − T_f. "
+             "Source: one lumped heat capacity.",
              {"filling": ("W/K", 0.04, 2.0), "filling_time": ("s", 0.05, 0.5)}, states={"filled": "K"},
              body_loss=lambda e, s, z: e.filling * (s.body_temperature - z.filled),
              rates=lambda e, s, z: {"filled": (s.body_temperature - z.filled) / e.filling_time}).kind
@@ -110,63 +112,64 @@ LAWS = (
          heater_factor=lambda e, s, z:
          1.0 - e.switched_share * 0.5 * (1.0 + jnp.tanh((s.tip_temperature - WARM) / 8.0))),
     _law(BUOYANCY, "OnsetCooling", "Convection of the case that sets in at 8 K: h max(T − 8 K, 0), rounded within 2 K. "
-         "Source: onset of cells; Rayleigh (1916); form chosen.", {"onset_loss": ("W/K", 0.01, 1.5)},
-         case_loss=lambda e, s, z: e.onset_loss * _above(s.case_temperature, 8.0, 2.0)),
-    _law(PELTIER, "LeadHeat", "Heat of the leads that goes into the body: k |U|³/(14 V)³. Source: Joule; a lead that "
-         "warms up; form chosen.", {"lead_power": ("W", -2.0, 2.0)}, joint_heat=lambda e, s, z: e.lead_power
+         "Source: onset of convection cells; Rayleigh (1916); form chosen.", {"onset_loss": ("W/K", 0.01, 1.5)},
+         case_loss=lambda e, s, z: e.onset_loss * smooth_positive(s.case_temperature - 8.0, 2.0)),
+    _law(PELTIER, "LeadHeat", "Joule heat of the leads that flows into the body: k |U|³/(14 V)³. Source: Joule; a lead "
+         "that warms up; form chosen.", {"lead_power": ("W", -2.0, 2.0)}, joint_heat=lambda e, s, z: e.lead_power
          * jnp.square(s.heater_voltage / 14.0) * jnp.sqrt(jnp.square(s.heater_voltage / 14.0) + 1e-4)),
-    _law(STORE, "SpreadStore", "A filling that heat enters slowly: lags of 40 and 300 ms. Source: conduction into "
-         "thick layers, Foster network of two.", {"layer": ("W/K", 0.02, 1.0)}, states={"near": "K", "far": "K"},
+    _law(STORE, "SpreadStore", "A filling that stores heat with two time constants, 40 and 300 ms. Source: conduction "
+         "into thick layers, Foster network with two elements.",
+         {"layer": ("W/K", 0.02, 1.0)}, states={"near": "K", "far": "K"},
          body_loss=lambda e, s, z: e.layer * (2.0 * s.body_temperature - z.near - z.far), rates=lambda e, s, z:
          {"near": (s.body_temperature - z.near) / 0.04, "far": (s.body_temperature - z.far) / 0.3}),
 )  # fmt: skip
 UNLISTED = (
-    _law(None, "DryingPaste", "Paste at the tip that dries: heat q (1 − w) u, dw/dt = (1 − w) u/0.4 s, "
+    _law(None, "DryingPaste", "Paste on the tip that takes up heat as it dries: q (1 − w) u, dw/dt = (1 − w) u/0.4 s, "
          "u = max(T, 0)/60 K (memory). Source: first-order drying; Lewis (1921).",
          {"drying_power": ("W", 0.1, 8.0)}, states={"dried": "-"}, confused_with=("tip_radiation", "heater_rise"),
          tip_loss=lambda e, s, z: e.drying_power * (1.0 - z.dried) * jnp.maximum(s.tip_temperature, 0.0) / WARM,
          rates=lambda e, s, z: {"dried": (1.0 - z.dried) * jnp.maximum(s.tip_temperature, 0.0) / WARM / 0.4}),
-    _law(None, "OpeningJoint", "A joint that opens as body and tip warm up: −g (T_1 − T_2) T_2/30 K (drop × "
+    _law(None, "OpeningJoint", "A joint that conducts less as the body warms up: −g (T_1 − T_2) T_2/30 K (drop × "
          "temperature). Source: thermal strain; form chosen.", {"opened": ("W/K", 5e-3, 0.3)},
          confused_with=("peltier_heat", "slow_store"),
          joint_heat=lambda e, s, z: -e.opened * s.joint_drop * s.body_temperature / 30.0),
-    _law(None, "AgeingHeater", "A heater whose power falls steadily: 1 − ε t/1 s (drift). Source: form chosen.",
+    _law(None, "AgeingHeater", "A heater whose power falls linearly: 1 − ε t/1 s (drift). Source: form chosen.",
          {"aged": ("-", 3e-3, 0.2)}, confused_with=("heater_rise",),
          heater_factor=lambda e, s, z: 1.0 - e.aged * s.time),
-    _law(None, "LeakingInsulation", "A current through warm insulation into the body: −k U² T_2/30 K (voltage × "
-         "temperature). Source: resistivity of ceramics; form chosen.", {"shunt": ("W/V^2", 2e-4, 0.02)},
+    _law(None, "LeakingInsulation", "Body heated by leakage current through its warm insulation: −k U² T_2/30 K "
+         "(voltage × temperature). Source: resistivity of ceramics; form chosen.", {"shunt": ("W/V^2", 2e-4, 0.02)},
          confused_with=("peltier_heat", "slow_store"), body_loss=lambda e, s, z:
          -e.shunt * jnp.square(s.heater_voltage) * s.body_temperature / 30.0),
 )  # fmt: skip
 
 
 class HeatedTipDisturbances(Effect, rig=HeatedTip):
-    """Small unlisted effects of the tip; one parameter sets the size of each."""
+    """Small effects on the tip that its library does not have; one parameter sets the size of each."""
 
-    breeze: float = size_par("W/K", "breeze at the tip that comes and goes")
+    breeze: float = size_par("W/K", "additional conductance from tip to room by a fluctuating draught")
     breeze_rate: float = shape_par(6.0, "Hz", "its frequency", (3.0, 12.0))
     breeze_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    sunbeam: float = size_par("W", "sun on the case from some time on")
-    sunrise: float = shape_par(0.3, "s", "this time", (0.15, 0.4))
-    weak_mains: float = size_par("-", "share of the power by which the mains beat")
-    mains_beat: float = shape_par(17.0, "Hz", "their frequency", (13.0, 29.0))
-    warming_room: float = size_par("W", "heat that a warming room gives the body, after 1 s")
+    sunbeam: float = size_par("W", "heat of sunlight that falls on the case from a certain time on")
+    sunrise: float = shape_par(0.3, "s", "time from which the sun shines", (0.15, 0.4))
+    weak_mains: float = size_par("-", "relative fluctuation of the heating power with the mains")
+    mains_beat: float = shape_par(17.0, "Hz", "frequency of the fluctuation", (13.0, 29.0))
+    warming_room: float = size_par("W", "heat flow into the body from a room that warms up steadily, at 1 s")
 
     def tip_loss(self, s, z):
-        """Breeze [W]."""
+        """Heat loss by the draught [W]."""
         return self.breeze * s.tip_temperature * jnp.sin(
             2.0 * jnp.pi * self.breeze_rate * s.time + self.breeze_phase)  # fmt: skip
 
     def case_loss(self, s, z):
-        """Sun [W]."""
+        """Heat of the sun, as a negative loss [W]."""
         return -self.sunbeam * 0.5 * (1.0 + jnp.tanh((s.time - self.sunrise) / 0.02)) + 0.0 * s.case_temperature
 
     def heater_factor(self, s, z):
-        """Beating mains."""
+        """Fluctuation of the heating power."""
         return 1.0 + self.weak_mains * jnp.sin(2.0 * jnp.pi * self.mains_beat * s.time)
 
     def body_loss(self, s, z):
-        """Warming room [W]."""
+        """Heat from the room, as a negative loss [W]."""
         return -self.warming_room * s.time + 0.0 * s.body_temperature
 
 

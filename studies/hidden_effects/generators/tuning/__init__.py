@@ -1,4 +1,8 @@
-"""What the tuning cases are made of; no law, disturbance, link, drift, sheet, run or machine is among what judges."""
+"""What the tuning cases are made of.
+
+None of these laws, disturbances, links of sensor chains, drifts, parameter sheets, runs and machines is used in the
+judging split.
+"""
 
 from studies.hidden_effects.generators.tuning.benches import BENCHES
 from studies.hidden_effects.generators.tuning.chains import LINKS

@@ -1,4 +1,4 @@
-"""Benches, for development."""
+"""Test benches and their test plans, for the tuning cases."""
 
 from edhas_jax.machine.effects import EntrainedAir, KarnoppFriction, LugreFriction, PistonLeakage
 from edhas_jax.machine.rigs import ActuatorBench, ActuatorSystem, PumpBench

@@ -1,4 +1,4 @@
-"""Links of sensor chains, for development."""
+"""Links of sensor chains, for the tuning cases."""
 
 import math
 
@@ -8,60 +8,64 @@ from scipy.signal import lfilter
 
 from studies.hidden_effects.generators.chains import Link, Place
 
-SIDE = 0.25  # share of the lag of a lead that does not cancel it
+SIDE = 0.25  # by which the lead exceeds the lag that it should cancel
 DECADE = 10.0
 
 
+def _lagged(trace, pole):
+    """The trace after a first-order lag that is in steady state at the start."""
+    return trace[0] + lfilter([1.0 - pole], [1.0, -pole], trace - trace[0])
+
+
 def _three_poles(interval, trace, time):
-    """Three equal first-order lags in a row, in steady state at the start."""
+    """A low-pass filter of three equal first-order lags in series, in steady state at the start."""
     pole = np.exp(-interval / time)
     for _ in range(3):
-        trace = trace[0] + lfilter([1.0 - pole], [1.0, -pole], trace - trace[0])
+        trace = _lagged(trace, pole)
     return trace
 
 
 def _compensated(interval, trace, time):
     """A transducer whose lag is compensated with a time constant that is 25 % off: (1 + 1.25 τ s)/(1 + τ s)."""
     pole = np.exp(-interval / time)
-    lagged = trace[0] + lfilter([1.0 - pole], [1.0, -pole], trace - trace[0])
-    return trace + SIDE * (trace - lagged)
+    return trace + SIDE * (trace - _lagged(trace, pole))
 
 
 def _smoothed(interval, trace, time):
-    """Software that smooths in both directions with a bell of this width, so that nothing is late."""
+    """Smoothing without phase lag in software: a Gaussian window with this standard deviation."""
     return gaussian_filter1d(trace, time / interval, mode="nearest")
 
 
 def _buffer_overrun(times, lost):
-    """A recorder that loses a block two fifths into each record; its time stamps go on."""
+    """A recorder that loses a block of this duration two fifths into each record, without a gap in its time stamps."""
     return times + lost * (times > 0.4 * times[-1])
 
 
 def _unsteady_clock(times, size):
-    """A clock whose error wanders between time stamps, the same in all runs."""
+    """A clock whose error oscillates along the record, in the same way in all runs."""
     return times + size * np.sin(2.0 * np.pi * 37.0 * times) * np.sin(2.0 * np.pi * 5.3 * times)
 
 
 def _heavy_tails(rng, count, share):
-    """Noise of which a share of samples is three times as large, scaled to unit standard deviation."""
+    """Heavy-tailed noise: this share of the samples is three times as noisy; scaled to unit standard deviation."""
     size = np.where(rng.uniform(size=count) < share, 3.0, 1.0)
     return size * rng.standard_normal(count) / np.sqrt(1.0 + 8.0 * share)
 
 
 def _line_noise(rng, count, share):
-    """White noise and a hum of 0.017 cycles per sample with a `share` of the variance, of any phase."""
+    """White noise plus a hum of 0.017 cycles per sample and random phase, which has this share of the variance."""
     hum = np.sqrt(2.0 * share) * np.sin(2.0 * np.pi * 0.017 * np.arange(count) + rng.uniform(0.0, 2.0 * np.pi))
     return hum + np.sqrt(1.0 - share) * rng.standard_normal(count)
 
 
 def _growing_noise(rng, count, growth):
-    """Noise that grows by this factor along the record, scaled to unit standard deviation over it."""
+    """Noise that grows linearly along the record, by `growth` times its initial level; of unit standard deviation."""
     size = np.linspace(1.0, 1.0 + growth, count)
     return size * rng.standard_normal(count) / np.sqrt(np.mean(size**2))
 
 
 def _send_on_delta(rng, samples, noise, band):
-    """A transmitter that sends a value only when it has changed by a band, in units of the noise."""
+    """Send-on-delta transmission: a value is sent only when it has changed by more than `band` times the noise."""
     out, sent = samples.copy(), samples[0]
     for k, value in enumerate(samples):
         sent = value if abs(value - sent) > band * noise else sent
@@ -70,7 +74,7 @@ def _send_on_delta(rng, samples, noise, band):
 
 
 def _companding(rng, samples, noise, steps):
-    """A converter whose steps grow with the value, from a share of the noise on."""
+    """A companding A/D converter: its step is `steps` times the noise at zero and grows with the value."""
     scale = 20.0 * noise
     curved = np.sign(samples) * np.log1p(np.abs(samples) / scale)
     rounded = np.round(curved * 20.0 / steps) * steps / 20.0
@@ -78,12 +82,12 @@ def _companding(rng, samples, noise, steps):
 
 
 def _drifting_gain(rng, samples, noise, size):
-    """A gain that drifts along the record, within the accuracy of the sensor."""
+    """Gain drift along the record, within the accuracy of the sensor."""
     return samples * (1.0 + rng.choice([-1.0, 1.0]) * size * np.linspace(-0.5, 0.5, len(samples)))
 
 
 def _sensor_hysteresis(rng, samples, noise, size):
-    """A sensor that reads lower while its signal rises, by a share of its range within the accuracy."""
+    """Hysteresis of a sensor: it reads low while its signal rises and high while it falls, within its accuracy."""
     return samples - size * np.nanmax(np.abs(samples)) * np.tanh(np.gradient(samples) / (noise + 1e-12))
 
 
@@ -93,7 +97,7 @@ def _not_stated(rng, value):
 
 
 def _rounded_up(rng, factor):
-    """The noise is stated as a power of ten, or another factor, of what it is."""
+    """The stated noise is half a decade too large or too small, times a further factor."""
     return DECADE ** rng.choice([-0.5, 0.5]) * factor
 
 

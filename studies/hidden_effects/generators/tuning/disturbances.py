@@ -1,4 +1,4 @@
-"""Small disturbances, for development."""
+"""Small disturbances, for the tuning cases."""
 
 import jax.numpy as jnp
 
@@ -9,24 +9,24 @@ from studies.hidden_effects.generators.places import is_chamber_b, valve_of
 
 
 class TuningDisturbances(Effect):
-    """Small unlisted effects of coil, amplifier and mover; one parameter sets the size of each."""
+    """Small effects of coil, amplifier and mover that the library lacks; one parameter sets the size of each."""
 
-    floor_tremor: float = size_par("N", "three slow vibrations of the floor at once")
-    tremor_rate: float = shape_par(3.1, "Hz", "the slowest of them", (2.4, 4.6))
+    floor_tremor: float = size_par("N", "force of three slow vibrations of the floor at once")
+    tremor_rate: float = shape_par(3.1, "Hz", "frequency of the slowest of them", (2.4, 4.6))
     tremor_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    settling_bench: float = size_par("N", "force of the weight as the bench tilts, after 0.4 s")
-    oil_puddle: float = size_par("N", "drag of an oil puddle with the cube of speed, at 0.2 m/s")
-    passing_screw: float = size_par("N", "push at one position, where a screw head is passed")
-    screw_position: float = shape_par(1e-3, "m", "this position", (-2e-3, 2.5e-3))
-    clock_leak: float = size_par("-", "share of the voltage that a clock modulates")
+    settling_bench: float = size_par("N", "component of the weight as the bench slowly tilts, at 0.4 s")
+    oil_puddle: float = size_par("N", "drag of an oil puddle, proportional to the cube of the speed, at 0.2 m/s")
+    passing_screw: float = size_par("N", "force where the mover passes a screw head")
+    screw_position: float = shape_par(1e-3, "m", "position of the screw head", (-2e-3, 2.5e-3))
+    clock_leak: float = size_par("-", "relative modulation of the voltage by a clock signal")
     clock_rate: float = shape_par(610.0, "Hz", "its frequency", (420.0, 880.0))
-    dither: float = size_par("V", "dither of the amplifier")
+    dither: float = size_par("V", "amplitude of the dither of the amplifier")
     dither_rate: float = shape_par(333.0, "Hz", "its frequency", (240.0, 390.0))
-    ground_step: float = size_par("V", "step of the ground of the amplifier")
-    step_time: float = shape_par(0.1, "s", "its time", (0.05, 0.2))
-    warm_field: float = size_par("-", "force constant that recovers after each load")
+    ground_step: float = size_par("V", "step of the ground potential of the amplifier")
+    step_time: float = shape_par(0.1, "s", "time of the step", (0.05, 0.2))
+    warm_field: float = size_par("-", "relative loss of the force constant under load, at 5 A; it recovers")
 
-    loaded = state("-", "mean square of the current over 30 ms")
+    loaded = state("-", "square of the current over 5 A, smoothed with a time constant of 30 ms")
 
     def coil_voltage_change(self, s, z):
         clock = self.clock_leak * s.voltage * jnp.sin(2.0 * jnp.pi * self.clock_rate * s.time)
@@ -49,15 +49,15 @@ class TuningDisturbances(Effect):
 
 
 class TuningPumpDisturbances(Effect):
-    """Small unlisted effects of oil, gaps and valves; one parameter sets the size of each."""
+    """Small effects of oil, gaps and valves that the library lacks; one parameter sets the size of each."""
 
-    bubble_train: float = size_par("-", "share of the compressibility that comes and goes with bubbles")
+    bubble_train: float = size_par("-", "relative change of the compressibility as bubbles pass")
     bubble_rate: float = shape_par(4.0, "Hz", "their frequency", (2.5, 9.0))
-    singing_valve: float = size_par("-", "share of the flow area that a singing valve opens and closes")
+    singing_valve: float = size_par("-", "relative oscillation of the flow area of the suction valves")
     singing_rate: float = shape_par(140.0, "Hz", "its frequency", (110.0, 230.0))
-    tight_spring: float = size_par("N", "further preload of one delivery valve")
-    loose_plug: float = size_par("m^3/s", "leakage of a plug of chamber B, at 0.5 MPa")
-    conical_bore: float = size_par("-", "relative change of the viscosity in the gap along the stroke")
+    tight_spring: float = size_par("N", "additional preload of delivery valve B")
+    loose_plug: float = size_par("m^3/s", "twice the leakage past a loose plug of chamber B at 0.5 MPa gauge")
+    conical_bore: float = size_par("-", "relative change of the viscosity in a conical gap along the stroke")
 
     def oil_compressibility(self, s, z):
         return self.bubble_train * jnp.sin(2.0 * jnp.pi * self.bubble_rate * s.time) / s.oil_bulk_modulus

@@ -1,4 +1,7 @@
-"""A machine of one's own, for development: a table on an air spring with a damping tank, on a moving floor."""
+"""A machine that the package does not have, for the tuning cases: a table on an air spring with a damping tank.
+
+The floor under it moves.
+"""
 
 import functools
 import math
@@ -12,10 +15,11 @@ from studies.hidden_effects.generators.benches import Bench, planned_runs
 from studies.hidden_effects.generators.disturbances import PHASE, Disturbance, shape_par, size_par
 from studies.hidden_effects.generators.laws import law
 from studies.hidden_effects.generators.settings import RunDrift
+from studies.hidden_effects.generators.tuning.laws import bouc_wen
 from studies.hidden_effects.generators.tuning.settings import warmer_in_sessions
 
 AMBIENT, GRAVITY = 101325.0, 9.81  # Pa, m/s²
-TRAVEL, RELATIVE_SPEED, DROP = 5e-3, 0.08, 4e3  # m, m/s and Pa, usual ones
+TRAVEL, RELATIVE_SPEED, DROP = 5e-3, 0.08, 4e3  # typical travel [m], speed [m/s] and pressure drop [Pa]
 
 
 class AirTable(Rig):
@@ -33,28 +37,28 @@ class AirTable(Rig):
 
     table_mass: float = par(60.0, "kg", (1.0, 1e4), "mass of the table")
     table_damping: float = par(80.0, "N*s/m", (0.0, 1e5), "damping of the guides")
-    bellows_area: float = par(5e-3, "m^2", (1e-5, 1.0), "area of the spring")
-    spring_volume: float = par(6e-4, "m^3", (1e-5, 1.0), "air in the spring")
-    tank_volume: float = par(1.5e-3, "m^3", (1e-5, 1.0), "air in the tank")
-    throttle: float = par(1.2e-7, "m^3/(s*Pa)", (1e-12, 1e-3), "flow per pressure of the throttle")
-    exponent: float = par(1.3, "-", (1.0, 1.7), "exponent of the change of state")
+    bellows_area: float = par(5e-3, "m^2", (1e-5, 1.0), "effective area of the spring")
+    spring_volume: float = par(6e-4, "m^3", (1e-5, 1.0), "volume of air in the spring")
+    tank_volume: float = par(1.5e-3, "m^3", (1e-5, 1.0), "volume of air in the tank")
+    throttle: float = par(1.2e-7, "m^3/(s*Pa)", (1e-12, 1e-3), "volume flow of the throttle per pressure drop")
+    exponent: float = par(1.3, "-", (1.0, 1.7), "polytropic exponent")
 
     table_position = state("m", "position of the table", 0.0)
     table_speed = state("m/s", "speed of the table", 0.0)
     spring_pressure = state("Pa", "pressure in the spring above that at rest", 0.0)
-    tank_pressure = state("Pa", "the same in the tank", 0.0)
-    stroke = signal("m", "table over floor")
-    stroke_speed = signal("m/s", "its rate")
+    tank_pressure = state("Pa", "pressure in the tank above that at rest", 0.0)
+    stroke = signal("m", "position of the table relative to the floor")
+    stroke_speed = signal("m/s", "rate of the stroke")
     throttle_drop = signal("Pa", "pressure drop of the throttle")
 
     table_force = slot("table", "N", "force on the table", ("stroke_speed", "stroke"), 5.0)
     area_factor = slot("bellows", "-", "multiplies the area of the spring", "stroke", 0.05, scales=True)
-    throttle_flow = slot("throttle", "m^3/s", "further flow from spring to tank", "throttle_drop", 5e-5)
+    throttle_flow = slot("throttle", "m^3/s", "additional flow from spring to tank", "throttle_drop", 5e-5)
     air_loss = slot("bellows", "m^3/s", "flow out of the spring", "spring_pressure", 2e-5)
     tank_loss = slot("tank", "m^3/s", "flow out of the tank", "tank_pressure", 2e-5)
 
     def equations(self, y, s):
-        """The rates of all states; sets stroke and pressure drop."""
+        """The rates of all states; sets stroke, its rate and the pressure drop of the throttle."""
         s.set(stroke=y.table_position - s.floor, stroke_speed=y.table_speed - s.floor_rate,
               throttle_drop=y.spring_pressure - y.tank_pressure)  # fmt: skip
         rest = AMBIENT + self.table_mass * GRAVITY / self.bellows_area
@@ -85,14 +89,13 @@ def _root(x, width):
 
 
 def _slip_rates(e, s, z):
-    v, r = s.stroke_speed, z.slipped
-    return {"slipped": (v - 0.6 * jnp.abs(v) * r * jnp.abs(r) - 0.4 * v * r * r) / e.slip_length}
+    return {"slipped": bouc_wen(s.stroke_speed, z.slipped, 0.6, 0.4) / e.slip_length}
 
 
 # fmt: off
 GUIDE = _law(None, "GuideFriction", "Dry friction of the guides: −F tanh(v/4 mm/s). Source: Coulomb.",
              {"guide_level": ("N", 0.3, 12.0)}, table_force=lambda e, s, z: -e.guide_level * _sign(s, 4e-3)).kind
-CABLES = _law(None, "CableStiffness", "Cables that hold the table: −k x. Source: statics.",
+CABLES = _law(None, "CableStiffness", "Stiffness of cables to the table: −k x. Source: statics.",
               {"cable_rate": ("N/m", 100.0, 5000.0)}, table_force=lambda e, s, z: -e.cable_rate * s.stroke).kind
 ROLLING = _law(None, "RollingArea",
                "A bellows whose area changes along the stroke: A (1 + a x/5 mm). Source: geometry.",
@@ -129,7 +132,7 @@ UNLISTED = (
          {"cord_level": ("N", 1.0, 30.0), "slip_length": ("m", 1e-3, 6e-3)}, states={"slipped": "-"},
          confused_with=("guide_friction", "cable_stiffness"),
          table_force=lambda e, s, z: -e.cord_level * z.slipped, rates=_slip_rates),
-    _law(None, "PinchedThrottle", "A throttle that the table pinches: −0.6 c Δp (1 + tanh(x/2 mm))/2 (pressure × "
+    _law(None, "PinchedThrottle", "A throttle hose that the table pinches: −0.6 c Δp (1 + tanh(x/2 mm))/2 (pressure × "
          "position). Source: form chosen.", {"pinch": ("m^3/(s*Pa)", 1e-8, 1.5e-7)}, confused_with=("throttle_bypass",),
          throttle_flow=lambda e, s, z: -0.3 * e.pinch * s.throttle_drop * (1.0 + jnp.tanh(s.stroke / 2e-3))),
     _law(None, "CoolingTank", "Heat that the wall of the tank takes up: the pressure relaxes as if air left, "
@@ -138,32 +141,32 @@ UNLISTED = (
          confused_with=("bellows_leak", "throttle_bypass"),
          tank_loss=lambda e, s, z: e.wall_size * (s.tank_pressure - z.wall),
          rates=lambda e, s, z: {"wall": (s.tank_pressure - z.wall) / e.wall_time}),
-    _law(None, "DryingGuides", "Friction of the guides that grows steadily: −F t/2 s tanh(v/4 mm/s) (drift). Source: "
-         "form chosen.", {"drift_level": ("N", 0.5, 12.0)}, confused_with=("guide_friction",),
+    _law(None, "DryingGuides", "Friction of the guides that grows linearly with time: −F t/2 s tanh(v/4 mm/s) (drift). "
+         "Source: form chosen.", {"drift_level": ("N", 0.5, 12.0)}, confused_with=("guide_friction",),
          table_force=lambda e, s, z: -e.drift_level * s.time / 2.0 * _sign(s, 4e-3)),
 )  # fmt: skip
 
 
 class AirTableDisturbances(Effect, rig=AirTable):
-    """Small unlisted effects of the table; one parameter sets the size of each."""
+    """Small effects on the table that its library does not have; one parameter sets the size of each."""
 
-    footsteps: float = size_par("N", "people who walk on the table")
-    step_rate: float = shape_par(1.7, "Hz", "their steps", (1.4, 2.3))
-    step_phase: float = shape_par(0.0, "rad", "phase", PHASE)
-    pump_pulses: float = size_par("N", "pulses of a vacuum pump")
-    pulse_rate: float = shape_par(14.0, "Hz", "their frequency", (11.0, 19.0))
-    room_warming: float = size_par("m^3/s", "warming of the tank, as a flow")
-    draught: float = size_par("N", "draught, with the square of speed")
+    footsteps: float = size_par("N", "force of footsteps on the table")
+    step_rate: float = shape_par(1.7, "Hz", "frequency of the steps", (1.4, 2.3))
+    step_phase: float = shape_par(0.0, "rad", "phase of the steps", PHASE)
+    pump_pulses: float = size_par("N", "oscillating force of a vacuum pump")
+    pulse_rate: float = shape_par(14.0, "Hz", "frequency of the pump", (11.0, 19.0))
+    room_warming: float = size_par("m^3/s", "slow temperature change of the tank, as a flow out of it, at 1 s")
+    draught: float = size_par("N", "air drag, proportional to the square of the speed, at 0.08 m/s")
 
     def table_force(self, s, z):
-        """Steps, pulses and draught [N]."""
+        """Force of footsteps, pump and air drag [N]."""
         steps = jnp.exp(8.0 * (jnp.cos(2.0 * jnp.pi * self.step_rate * s.time + self.step_phase) - 1.0))
         pulses = self.pump_pulses * jnp.sin(2.0 * jnp.pi * self.pulse_rate * s.time)
         u = s.stroke_speed / RELATIVE_SPEED
         return self.footsteps * steps + pulses - self.draught * u * jnp.abs(u)
 
     def tank_loss(self, s, z):
-        """Warming as a flow [m³/s]."""
+        """Temperature change of the tank as a flow out of it [m³/s]."""
         return self.room_warming * (s.time + 0.0 * s.stroke)
 
 

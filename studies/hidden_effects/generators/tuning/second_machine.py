@@ -1,4 +1,7 @@
-"""A machine of one's own, for development: a filter of two coils and two capacitors between a source and a load."""
+"""A machine that the package does not have, for the tuning cases: a filter of two coils and two capacitors.
+
+It lies between a voltage source and a load.
+"""
 
 import functools
 
@@ -37,11 +40,11 @@ class LadderFilter(Rig):
     middle_voltage = state("V", "voltage of the first capacitor", 0.0)
     load_voltage = state("V", "voltage of the load", 0.0)
 
-    first_drop = slot("first_coil", "V", "further drop at the first coil", ("first_current", "middle_voltage"), 0.1)
+    first_drop = slot("first_coil", "V", "additional drop at the first coil", ("first_current", "middle_voltage"), 0.1)
     core_factor = slot("first_coil", "-", "multiplies the first inductance", "first_current", 0.05, scales=True)
-    second_drop = slot("second_coil", "V", "further drop at the second coil", "second_current", 0.1)
-    middle_loss = slot("first_capacitor", "A", "current past the first capacitor", "middle_voltage", 0.02)
-    load_loss = slot("load", "A", "further current of the load", ("load_voltage", "second_current"), 0.02)
+    second_drop = slot("second_coil", "V", "additional drop at the second coil", "second_current", 0.1)
+    middle_loss = slot("first_capacitor", "A", "leakage current of the first capacitor", "middle_voltage", 0.02)
+    load_loss = slot("load", "A", "additional current of the load", ("load_voltage", "second_current"), 0.02)
 
     def equations(self, y, s):
         """The rates of currents and voltages."""
@@ -83,14 +86,15 @@ ABSORPTION = _law(None, "DielectricAbsorption", "A capacitor that absorbs charge
 CLAMP = _law(None, "LoadClamp", "A diode across the load that conducts at positive voltage: I (exp(u/1.5 V) − 1). "
              "Source: Shockley (1949).", {"clamp_current": ("A", 1e-4, 0.02)}, load_loss=lambda e, s, z:
              e.clamp_current * (jnp.exp(jnp.minimum(s.load_voltage / 1.5, 6.0)) - 1.0)).kind
-WINDING = _law(None, "WindingHeat", "A winding that heats up: R_1 a ϑ i, 40 ms dϑ/dt = i² − ϑ. Source: Joule.",
+WINDING = _law(None, "WindingHeat", "A winding whose resistance rises as it heats up: R_1 a ϑ i, 40 ms dϑ/dt = i² − ϑ. "
+               "Source: Joule.",
                {"winding_rise": ("1/A^2", 0.05, 6.0)}, states={"warmth": "A^2"},
                first_drop=lambda e, s, z: s.first_resistance * e.winding_rise * z.warmth * s.first_current,
                rates=lambda e, s, z: {"warmth": (jnp.square(s.first_current) - z.warmth) / 0.04}).kind
 # fmt: on
 LIBRARY: tuple[type[Effect], ...] = (CORE, CONTACT, ABSORPTION, CLAMP, WINDING)
 LAWS = (
-    _law(CORE, "BiasedCore", "A core with remanence, which saturates at positive currents: L/(1 + b max(i, 0)). "
+    _law(CORE, "BiasedCore", "A core with remanence, which saturates at positive currents only: L/(1 + b max(i, 0)). "
          "Source: Bozorth, Ferromagnetism (1951); form chosen.", {"bias_slope": ("1/A", 0.01, 2.0)},
          core_factor=lambda e, s, z: 1.0 / (1.0 + e.bias_slope * jnp.maximum(s.first_current, 0.0))),
     _law(CONTACT, "OxideContact",
@@ -105,7 +109,7 @@ LAWS = (
          "A varistor across the load: I (u/2 V)³. Source: Levinson, Philipp, J. Applied Physics "
          "46 (1975) 1332; exponent chosen.", {"varistor_current": ("A", 5e-4, 0.1)}, load_loss=lambda e, s, z:
          e.varistor_current * (s.load_voltage / 2.0) * jnp.square(s.load_voltage / 2.0)),
-    _law(WINDING, "CrowdedWinding", "A winding whose resistance grows with the current at once: R_1 a |i| i. "
+    _law(WINDING, "CrowdedWinding", "A winding whose resistance grows with the current without lag: R_1 a |i| i. "
          "Source: current crowding; form chosen.", {"crowding": ("1/A", 0.02, 3.0)}, first_drop=lambda e, s, z:
          s.first_resistance * e.crowding * jnp.abs(s.first_current) * s.first_current),
 )  # fmt: skip
@@ -119,28 +123,28 @@ UNLISTED = (
          "Coils that couple through their currents: −M i_1 i_2/(1 A) as a drop (current × current). "
          "Source: form chosen.", {"stray_voltage": ("V", -2.0, 2.0)}, confused_with=("contact_drop", "core_saturation"),
          second_drop=lambda e, s, z: e.stray_voltage * s.first_current * s.second_current),
-    _law(None, "DryingCapacitor", "A capacitor whose leakage grows steadily: g u t/0.1 s (drift). Source: form chosen.",
+    _law(None, "DryingCapacitor", "A capacitor whose leakage grows linearly: g u t/0.1 s (drift). Source: form chosen.",
          {"drying": ("1/ohm", 2e-4, 0.03)}, confused_with=("dielectric_absorption",),
          middle_loss=lambda e, s, z: e.drying * s.middle_voltage * s.time / 0.1),
-    _law(None, "SwitchingLoad", "A further load above a voltage, by its size: I tanh(max(|u| − 2 V, 0)/0.5 V) sgn u. "
-         "Source: form chosen.", {"switched": ("A", 2e-3, 0.15)}, confused_with=("load_clamp",),
+    _law(None, "SwitchingLoad", "A further load that switches on above 2 V, of either sign: I tanh(max(|u| − 2 V, "
+         "0)/0.5 V) sgn u. Source: form chosen.", {"switched": ("A", 2e-3, 0.15)}, confused_with=("load_clamp",),
          load_loss=lambda e, s, z: e.switched * jnp.tanh(s.load_voltage)
          * jnp.tanh(jnp.maximum(jnp.abs(s.load_voltage) - 2.0, 0.0) / 0.5)),
 )  # fmt: skip
 
 
 class LadderDisturbances(Effect, rig=LadderFilter):
-    """Small unlisted effects of the filter; one parameter sets the size of each."""
+    """Small effects on the filter that its library does not have; one parameter sets the size of each."""
 
-    mains_hum: float = size_par("V", "hum of the mains in the first coil")
+    mains_hum: float = size_par("V", "mains hum induced in the first coil")
     hum_phase: float = shape_par(0.0, "rad", "its phase", PHASE)
-    radio: float = size_par("A", "a radio signal in the load")
+    radio: float = size_par("A", "interference current in the load")
     radio_rate: float = shape_par(700.0, "Hz", "its frequency", (500.0, 900.0))
-    rectified: float = size_par("V", "rectification in a joint of the second coil")
-    warming_load: float = size_par("1/ohm", "conductance of the load that falls with time, after 0.1 s")
+    rectified: float = size_par("V", "voltage by rectification in a joint of the second coil, at 0.2 A")
+    warming_load: float = size_par("1/ohm", "conductance by which the load falls linearly with time, at 0.1 s")
 
     def first_drop(self, s, z):
-        """Hum [V]."""
+        """Mains hum [V]."""
         return self.mains_hum * jnp.sin(2.0 * jnp.pi * 50.0 * s.time + self.hum_phase)
 
     def second_drop(self, s, z):
@@ -148,7 +152,7 @@ class LadderDisturbances(Effect, rig=LadderFilter):
         return self.rectified * jnp.square(s.second_current / 0.2)
 
     def load_loss(self, s, z):
-        """Radio signal and change of the load [A]."""
+        """Interference and change of the load [A]."""
         radio = self.radio * jnp.sin(2.0 * jnp.pi * self.radio_rate * s.time)
         return radio - self.warming_load * s.load_voltage * s.time / 0.1
 

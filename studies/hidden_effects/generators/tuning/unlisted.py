@@ -1,4 +1,7 @@
-"""Laws of mechanisms that the library does not have, for development: over two variables, with memory, or drifting."""
+"""Laws of mechanisms that the library does not have, for the tuning cases.
+
+Each depends on two variables, has a memory, or drifts with time.
+"""
 
 import math
 
@@ -8,9 +11,7 @@ from edhas_jax.machine.effects.reference_scales import REFERENCE_TRAVEL, smooth_
 from studies.hidden_effects.generators.functions import smooth_positive, wrapped
 from studies.hidden_effects.generators.laws import law
 from studies.hidden_effects.generators.places import is_chamber_b
-
-ANGLE = ("rad", -math.pi, math.pi)
-GAUGE = 0.5e6  # Pa, a usual pressure of the pump
+from studies.hidden_effects.generators.tuning.laws import ANGLE, GAUGE, bouc_wen
 
 
 def _drop(s):
@@ -18,7 +19,7 @@ def _drop(s):
 
 
 def _pocket(e, s, z):
-    """Flow into a dead-end pocket of the chamber at hand."""
+    """Flow [m³/s] from a chamber into its dead-end pocket."""
     filled = z.pocket_b if is_chamber_b(s) else z.pocket_a
     return e.pocket_flow * (s.chamber_pressure / GAUGE - filled)
 
@@ -29,8 +30,7 @@ def _pocket_rates(e, s, z):
 
 
 def _rope_rates(e, s, z):
-    v, r = s.cylinder_velocity, z.stretched
-    return {"stretched": (v - 0.6 * jnp.abs(v) * r * jnp.abs(r) - 0.4 * v * r * r) / e.rope_slip}
+    return {"stretched": bouc_wen(s.cylinder_velocity, z.stretched, 0.6, 0.4) / e.rope_slip}
 
 
 LEAKS = ("piston_leakage", "suction_seat_leakage", "delivery_seat_leakage")
@@ -38,7 +38,7 @@ FRICTIONS = ("lugre_friction", "stroke_dependent_friction", "asymmetric_friction
 MOTORS = ("magnetic_saturation", "force_constant_droop", "reluctance_force")
 VOLTAGES = ("inverter_dead_time", "amplifier_lag", "coil_heating", "supply_sag")
 UNLISTED = (
-    law(None, "EndCushion", "Oil that is squeezed out of narrow ends: −c v (x/x_m)⁴ (position × speed). "
+    law(None, "EndCushion", "Oil that is squeezed out at the ends of the stroke: −c v (x/x_m)⁴ (position × speed). "
         "Source: squeeze film, Hamrock (1991); the power is chosen.", {"cushion_size": ("N*s/m", 5.0, 500.0)},
         confused_with=("eddy_drag", *FRICTIONS), mover_force=lambda e, s, z:
         -e.cushion_size * s.piston_velocity * jnp.square(jnp.square(s.piston_position / REFERENCE_TRAVEL))),
@@ -48,15 +48,15 @@ UNLISTED = (
         confused_with=("eddy_drag", "coupling_compliance", "parasitic_spring"),
         mover_force=lambda e, s, z: -e.drag_coupling * (s.piston_velocity - z.dragged),
         rates=lambda e, s, z: {"dragged": (s.piston_velocity - z.dragged) / e.drag_time}),
-    law(None, "DryingGuide", "Dry friction that grows steadily: F (t/0.4 s) th(v). Source: a guide that runs dry; slow "
-        "drift of one coefficient.", {"drying_level": ("N", 0.5, 12.0)}, confused_with=FRICTIONS,
+    law(None, "DryingGuide", "Dry friction that grows linearly with time: F (t/0.4 s) th(v). Source: a guide that runs "
+        "dry; slow drift of one coefficient.", {"drying_level": ("N", 0.5, 12.0)}, confused_with=FRICTIONS,
         mover_friction=lambda e, s, z: e.drying_level * s.time / 0.4 * smooth_sign(s.sliding_velocity)),
-    law(None, "LoadedGuide", "Dry friction that the current presses on away from mid-stroke: F |i x|/(3 A x_m) th(v) "
+    law(None, "LoadedGuide", "Dry friction that current and distance from mid-stroke raise: F |i x|/(3 A x_m) th(v) "
         "(current × position). Source: side pull of an eccentric coil; form chosen.",
         {"guide_load": ("N", 0.5, 15.0)}, confused_with=FRICTIONS, mover_friction=lambda e, s, z: e.guide_load
         * jnp.abs(s.current * s.piston_position) / (3.0 * REFERENCE_TRAVEL) * smooth_sign(s.sliding_velocity)),
-    law(None, "StrandedStop", "A washer that sticks to the mover and slides late: F r, r = hysteresis of width w over "
-        "position, dr/dt = (v/w) (1 − r² sgn(v r)) (memory). Source: Bliman, Sorine, Dahl-type models (1995).",
+    law(None, "StrandedStop", "A washer on the mover that sticks before it slides: −F r, r = hysteresis of width w "
+        "over position, dr/dt = (v/w) (1 − r² sgn(v r)) (memory). Source: Bliman, Sorine, Dahl-type models (1995).",
         {"washer_level": ("N", 0.5, 8.0), "washer_slip": ("m", 0.4e-3, 2e-3)}, states={"pushed": "-"},
         confused_with=(*FRICTIONS, "parasitic_spring"), mover_force=lambda e, s, z: -e.washer_level * z.pushed,
         rates=lambda e, s, z: {"pushed": (s.piston_velocity - jnp.abs(s.piston_velocity) * z.pushed
@@ -69,7 +69,7 @@ UNLISTED = (
         "u = i v/(3 A 0.2 m/s) (current × speed). Source: eddy currents in the yoke of a loaded motor; form chosen.",
         {"iron_loss": ("-", 0.02, 0.4)}, confused_with=(*MOTORS, "eddy_drag"), motor_force_factor=lambda e, s, z:
         1.0 - e.iron_loss * jnp.sqrt(jnp.square(s.current * s.piston_velocity / 0.6) + 0.01)),
-    law(None, "LosingMagnets", "Magnets that lose field under load for good: Km (1 − ε (1 − exp(−q))), "
+    law(None, "LosingMagnets", "Magnets that load demagnetises irreversibly: Km (1 − ε (1 − exp(−q))), "
         "dq/dt = (i/4 A)²/0.15 s (drift). Source: irreversible demagnetisation; Coey, Magnetism (2010); form chosen.",
         {"field_loss": ("-", 0.01, 0.2)}, states={"stress": "-"}, confused_with=(*MOTORS, "coil_heating"),
         force_constant_factor=lambda e, s, z: 1.0 - e.field_loss * (1.0 - jnp.exp(-z.stress)),
@@ -80,7 +80,7 @@ UNLISTED = (
         {"tail_resistance": ("ohm", 0.03, 2.0), "tail_time": ("s", 5e-3, 40e-3)}, states={"tail": "A"},
         confused_with=VOLTAGES, coil_voltage_change=lambda e, s, z: -e.tail_resistance * z.tail,
         rates=lambda e, s, z: {"tail": (s.current - z.tail) / e.tail_time}),
-    law(None, "CoarseModulator", "A modulator with few steps of voltage: u rounded to multiples of q. "
+    law(None, "CoarseModulator", "A modulator with coarse voltage steps: u rounded to multiples of q. "
         "Source: Widrow, Kollár, Quantization Noise (2008).", {"modulator_step": ("V", 0.3, 4.0)},
         confused_with=VOLTAGES, coil_voltage_change=lambda e, s, z:
         -e.modulator_step / (2.0 * math.pi) * wrapped(2.0 * math.pi * s.voltage / e.modulator_step)),
@@ -99,10 +99,10 @@ UNLISTED = (
         states={"pocket_a": "-", "pocket_b": "-"}, confused_with=("entrained_air", "coupling_compliance", *LEAKS),
         chamber_leakage=_pocket, rates=_pocket_rates),
     law(None, "WearingSeal",
-        "Leakage that grows steadily: k Δp t/0.4 s (drift). Source: Archard, J. Applied Physics 24 "
+        "Leakage that grows linearly with time: k Δp t/0.4 s (drift). Source: Archard, J. Applied Physics 24 "
         "(1953) 981, wear in proportion to time.", {"wear_size": ("m^3/(s*Pa)", 5e-15, 5e-12)}, confused_with=LEAKS,
         chamber_leakage=lambda e, s, z: e.wear_size * _drop(s) * s.time / 0.4),
-    law(None, "SpeedOpenedGap", "Leakage past a lip that motion lifts when it is not pressed: k Δp w/(1 + Δp²/"
+    law(None, "SpeedOpenedGap", "Leakage past a lip that motion lifts at low pressure: k Δp w/(1 + Δp²/"
         "(0.4 MPa)²), w = |v|/0.2 m/s (pressure × speed). Source: Hirano, Kaneta (1971); form chosen.",
         {"lifted_size": ("m^3/(s*Pa)", 1e-14, 1e-11)}, confused_with=LEAKS, chamber_leakage=lambda e, s, z:
         e.lifted_size * _drop(s) * jnp.abs(s.plunger_velocity) / 0.2 / (1.0 + jnp.square(_drop(s) / 0.4e6))),
@@ -110,7 +110,7 @@ UNLISTED = (
         "50 µm))/2 (lift × speed). Source: dashpot stops of valves; form chosen.", {"stop_size": ("N*s/m", 0.1, 20.0)},
         confused_with=("valve_flow_force", "valve_adhesion"), check_valve_force=lambda e, s, z:
         -e.stop_size * s.lift_velocity * 0.5 * (1.0 + jnp.tanh((s.lift - 0.3e-3) / 50e-6))),
-    law(None, "ChokedBall", "A force on the ball by pressure and lift: F (Δp/0.2 MPa) (y/0.4 mm) exp(1 − y/0.4 mm), "
+    law(None, "ChokedBall", "A lifting force on the ball in the flow: F (Δp/0.2 MPa) (y/0.4 mm) exp(1 − y/0.4 mm), "
         "opening (pressure × lift). Source: pressure recovery under a disc; Takenaka et al. (1964); form chosen.",
         {"lift_force": ("N", 0.05, 2.0)}, confused_with=("valve_flow_force", "valve_adhesion"),
         check_valve_force=lambda e, s, z: e.lift_force * s.pressure_drop / 0.2e6 * jnp.maximum(s.lift, 0.0) / 0.4e-3
